@@ -220,11 +220,7 @@ class Adapter:
         return self._step(self._keep(seen), learned)
 
     def _taught_by(self, seen: Seen) -> Learned | None:
-        """Return the posterior with a recording, before it is kept; None where nothing can be learned from it.
-
-        Raises:
-            InputError: Its units, axes, joints or time of the start are wrong, or it teaches nothing.
-        """
+        """Return the posterior with a recording, before it is kept; None where nothing can be learned from it."""
         if seen.recording is None or not seen.carried_out or not self.options.adapt:
             return None
         plant, drive = self.prior.plant, driven_by(self.prior.plant, [seen.recording])
@@ -238,9 +234,6 @@ class Adapter:
     def kept_steps(self) -> Iterator[Step]:
         """Resume an earlier run: process, one after the other, the recordings that the folder holds, and yield each
         step.
-
-        Raises:
-            InputError: The folder is damaged.
         """
         while not self.done and (seen := self._kept()) is not None:
             yield self._step(seen)
@@ -380,11 +373,7 @@ class Adapter:
             check_controllers(recordings, self.prior.plant.controller)
 
     def _refuse_told_before(self, recording: StrikeRecording) -> None:
-        """Refuse the recording of an earlier strike.
-
-        Raises:
-            InputError: It was reported before.
-        """
+        """Raise InputError for the recording of a strike that was reported before."""
         for step in self.steps:
             earlier = step.outcome.recording
             if earlier is None or earlier.points.shape != recording.points.shape:
@@ -436,11 +425,7 @@ class Adapter:
 
 
 def _refuse_unused(learned: Learned, recording: StrikeRecording, fix: str) -> None:
-    """Refuse a recording that nothing was learned from.
-
-    Raises:
-        InputError: Nothing was, and why.
-    """
+    """Raise InputError with the reason if nothing was learned from a recording."""
     if (reason := learned.refused.get(recording.source)) is not None:
         raise InputError(
             recording.source, f"nothing to learn from: {reason}", "a recording with information on the whip", fix

@@ -21,11 +21,8 @@ FIRST_STEP, LEAST_STEP = 1 / 4, 1 / 64  # of the way from one whip to the other
 
 
 def between(first: WhipParameters, last: WhipParameters, share: float) -> WhipParameters:
-    """Return the whip whose parameters are, at each node, a weighted mean of those of two whips.
-
-    Args:
-        first, last: Whips with equal numbers of nodes.
-        share: Weight of the last whip, 0 to 1.
+    """Return the whip whose parameters are, at each node, weighted means of those of two whips with equally many nodes;
+    `share`, 0 to 1, is the weight of the last.
     """
     mixed: dict[str, Any] = {}
     for name in (f.name for f in fields(last) if f.name not in ("N", "joints")):
@@ -44,16 +41,8 @@ def continued(
     goal: Goals,
     striker_of: Callable[[WhipParameters], Striker],
 ) -> np.ndarray:
-    """Return the strikes that hit with the last whip, followed from some that hit with the first.
-
-    Args:
-        strikes: Strike vectors, (B, m).
-        first, last: The whips.
-        goal: A single goal.
-        striker_of: Function that returns the simulator of strikes with a whip.
-
-    Returns:
-        Strikes that hit within the limits, (C, m): fewer than at the beginning, as some are lost on the way, or none.
+    """Return the strikes (C, m) that hit a single goal with the last whip and keep the limits, followed from strikes
+    (B, m) that hit with the first; some, or all, are lost on the way.
     """
     alike = (first.N, first.joints) == (last.N, last.joints)
     done, step, kept = 0.0, FIRST_STEP, strikes if alike else strikes[:0]

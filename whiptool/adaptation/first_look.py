@@ -34,17 +34,11 @@ FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
 def information(
     belief: Belief, strikes: np.ndarray, *, t_stay: float = T_STAY
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the information gain of recording each strike, for a belief linearised around its mean.
+    """Return for each strike (B, 2 a + 1) the information gain of recording it [nat], the largest speed of the tip
+    between two frames [m/s], and the largest standard error of the predicted tip in any frame [m], (B,) each.
 
-    Args:
-        belief: Belief before the recording.
-        strikes: Strike vectors of an arm with `a` joints, (B, 2 a + 1).
-        t_stay: Time after the movement's end for which the tip is still observed [s].
-
-    Returns:
-        Information gain, half the logarithm of the ratio of the determinants of prior and posterior covariance [nat],
-        (B,); largest speed of the tip between two frames [m/s], (B,); largest standard error with which the belief
-        predicts the tip's position in any frame [m], (B,).
+    The belief is linearised around its mean; the gain is half the logarithm of the ratio of the determinants of prior
+    and posterior covariance.
     """
     recordings, d = [], belief.plant.model.dimension
     for vector in strikes:
@@ -77,16 +71,8 @@ def hanging(
     """Return a strike without movement, during which the length of the hanging whip can be measured: in the middle of
     the start postures or, if it breaks a limit there, in the nearest of random start postures that keep the limits.
 
-    Args:
-        belief: Belief about whip and arm.
-        bounds: Bounds of strikes; default: `default_bounds`.
-        rng: Random generator of the start postures.
-        t_stay: As in `information`.
-        keeps: Limits that the arm and the hanging whip have to keep, judged with the mean of the belief.
-        check: Function that returns why a strike must not be made, or None; it is called for postures within `keeps`.
-
-    Raises:
-        InputError: None of the postures keeps the limits.
+    The limits `keeps` are judged with the mean of the belief; `check`, asked after them, returns why a strike must not
+    be made, or None.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
     a = belief.plant.model.arm.n
@@ -136,20 +122,8 @@ def choose_wiggle(
     """Return the random short movement with a slow tip that has the largest `information` gain, and this gain [nat].
 
     In space, the linearised prior overestimates the gain of movements whose outcome is hardly predictable; such
-    movements are left out if others remain.
-
-    Args:
-        belief: Belief before the movement.
-        rng: Random generator of the candidates.
-        bounds: Bounds of strikes, in which the arm starts and remains; default: `default_bounds`.
-        t_stay: As in `information`.
-        candidates: Number of random movements that are compared. While none of them keeps the limits with a slow tip,
-            as many are drawn again, up to `ROUNDS` times.
-        keeps: Limits that the movement has to keep, judged with the mean of the belief.
-        check: Function that returns why a strike must not be made, or None; it is called for movements with a slow tip.
-
-    Raises:
-        InputError: No movement keeps the limits, or none has a slow tip.
+    movements are left out if others remain. While none of the `candidates` keeps the limits with a slow tip, as many
+    are drawn again, up to `ROUNDS` times.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
     a = belief.plant.model.arm.n
@@ -203,20 +177,12 @@ _FIRST, _ROUNDS, _DIFFERENCE, _LARGEST = 0.1, 60, 1e-6, 0.2  # [rad]
 
 
 def expected_sag(law: Law, recordings: Sequence[StrikeRecording | None]) -> Sag | None:
-    """Return a function that predicts how far the arm at rest deviates from a commanded posture, from earlier
-    recordings.
+    """Return a function that predicts from earlier recordings how far the arm at rest deviates (B, a) [rad] from
+    commanded postures q_i (B, a); None if no joints were measured, or no joint deviated.
 
     The uncompensated gravity torque of link j and the links after it is `c_j sin(theta_j)` at the joints up to j, with
     theta_j the link's angle to the vertical. The measured errors at rest give the controller's torques, these give c by
     least squares, and c predicts the errors at other postures.
-
-    Args:
-        law: Control law of the arm.
-        recordings: Recordings of earlier strikes; those without measured joints are ignored.
-
-    Returns:
-        A function from commanded postures q_i (B, a) to deviations (B, a) [rad]; None if no joints were measured, or no
-        joint deviated.
     """
     rows, torques = [], []
     for recording in recordings:

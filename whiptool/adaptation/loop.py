@@ -124,10 +124,8 @@ class Adaptation:
         return adapter.steps
 
     def _struck(self, strike: Strike, adapter: Adapter) -> Seen:
-        """What the port saw of a strike that was carried out or refused.
-
-        Raises:
-            StrikeStopped: It was interrupted.
+        """Return what the port saw of a strike that was carried out or refused; raise StrikeStopped if it was
+        interrupted.
         """
         try:
             seen = self.port.strike(strike, adapter.number, adapter.place, adapter.belief.at().model)

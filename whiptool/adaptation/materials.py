@@ -70,27 +70,16 @@ _POWERS = np.array([
 
 @dataclass(frozen=True)
 class Material:
-    """Ranges (least, largest) of the physical properties of whips of one material.
+    """Ranges (least, largest) of the physical properties of whips of one material."""
 
-    Args:
-        diameter: Outer diameter, of a chain the diameter of its wire [m].
-        density: Mass per length over `pi d^2 / 4` [kg/m^3].
-        modulus: Bending stiffness over `pi d^4 / 64` [Pa].
-        relaxation: Bending damping over bending stiffness [s].
-        friction: Moment of dry friction [N m].
-        drag_coefficient: Drag coefficient across the whip.
-        length: Length [m].
-        width: Width of the cross section across the air flow, in diameters.
-    """
-
-    diameter: Range
-    density: Range
-    modulus: Range
-    relaxation: Range
-    friction: Range
-    drag_coefficient: Range = (1.0, 1.3)
-    length: Range = (0.7, 1.1)
-    width: float = 1.0
+    diameter: Range  # outer diameter, of a chain the diameter of its wire [m]
+    density: Range  # mass per length over `pi d^2 / 4` [kg/m^3]
+    modulus: Range  # bending stiffness over `pi d^4 / 64` [Pa]
+    relaxation: Range  # bending damping over bending stiffness [s]
+    friction: Range  # moment of dry friction [N m]
+    drag_coefficient: Range = (1.0, 1.3)  # across the whip
+    length: Range = (0.7, 1.1)  # [m]
+    width: float = 1.0  # of the cross section across the air flow, in diameters
 
     @property
     def ranges(self) -> np.ndarray:
@@ -124,17 +113,11 @@ class Stock:
     The six parameters of a whip (`NUMBERS`: length, linear density, bending stiffness, bending damping, drag, dry
     friction) are constants times powers of its seven properties (`CAUSES`: length, diameter, density, modulus,
     relaxation, friction, drag coefficient). The properties are independent, with logarithms uniform over their ranges.
-
-    Args:
-        name: Name of the material, or of the model.
-        centre: Logarithms of the median whip's parameters in SI units, (6,).
-        spread: Change of each of these logarithms if the logarithm of one property changes from the middle to the upper
-            end of its range, (6, 7).
     """
 
-    name: str
-    centre: np.ndarray
-    spread: np.ndarray
+    name: str  # of the material, or of the model
+    centre: np.ndarray  # logarithms of the median whip's parameters in SI units, (6,)
+    spread: np.ndarray  # their change if a property's logarithm goes from the middle to the top of its range, (6, 7)
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -176,14 +159,8 @@ def uniform_whip(numbers: Mapping[str, float], like: WhipParameters) -> WhipPara
 
 
 def stock_of_material(name: str, *, diameter: float | None = None, length: float | None = None) -> Stock:
-    """Return the distribution of the whips of a material.
-
-    Args:
-        name: One of `MATERIALS`.
-        diameter, length: Measured values [m], if any; their standard error is taken as 2 %.
-
-    Raises:
-        InputError: The material is not in the table, or a measure is not positive.
+    """Return the distribution of the whips of one of `MATERIALS`; a measured diameter or length [m] has a standard
+    error of 2 %.
     """
     if name not in MATERIALS:
         raise InputError("material", name, ", ".join(MATERIALS))
@@ -203,9 +180,6 @@ def stock_of_model(model: Model) -> Stock:
     square).
 
     Damping, drag or friction that is 0 in the model is replaced by the geometric mean over the materials.
-
-    Raises:
-        InputError: The model has values per node.
     """
     stocks = [stock_of_material(name) for name in USUAL]
     spread = np.sqrt(np.mean([stock.spread**2 for stock in stocks], axis=0))

@@ -18,18 +18,10 @@ from whiptool.models.numbers import number
 
 @dataclass(frozen=True)
 class ModelError:
-    """Student's t distribution of the signed distance between the predicted and the true path of the tip at the target.
+    """Student's t distribution of the signed distance between the predicted and the true path of the tip at the target."""
 
-    Args:
-        scale: Scale [m].
-        freedom: Degrees of freedom; infinite: a normal distribution with standard deviation `scale`.
-
-    Raises:
-        InputError: The scale is negative, or the freedom not positive.
-    """
-
-    scale: float = 0.0
-    freedom: float = np.inf
+    scale: float = 0.0  # [m]
+    freedom: float = np.inf  # degrees of freedom; infinite: a normal distribution with standard deviation `scale`
 
     def __post_init__(self) -> None:
         number("scale of the model error", self.scale, low=0)
@@ -37,15 +29,10 @@ class ModelError:
             number("degrees of freedom of the model error", self.freedom, low=0, strict=True)
 
     def updated(self, variance: float, readings: float, strikes: float) -> ModelError:
-        """Return the distribution after errors were observed.
+        """Return the distribution after errors of mean square `variance` [m^2] were observed in a number of strikes.
 
-        The scale is updated as by `readings` independent readings. The residuals of one strike only show the model
-        error of that strike, so each strike adds one degree of freedom.
-
-        Args:
-            variance: Mean square of the errors [m^2].
-            readings: Effective number of independent errors; if 0, the distribution is unchanged.
-            strikes: Number of strikes.
+        The scale is updated as by `readings` independent readings; 0 leaves the distribution unchanged. The residuals
+        of one strike only show the model error of that strike, so each strike adds one degree of freedom.
         """
         if self.freedom == np.inf or readings == 0:
             return self
@@ -55,17 +42,11 @@ class ModelError:
     def hit_probability(
         self, goal: Goals, miss: np.ndarray, velocity: np.ndarray | None, *, blur: float = 0.0
     ) -> np.ndarray:
-        """Return the probability that strikes of predicted miss distances hit.
+        """Return the probability that strikes of predicted miss distances [m], any shape, hit a single goal; the tip's
+        velocity at its closest approach [m/s], (..., d), may be unknown, see `Goals.hit_probability`.
 
-        Args:
-            goal: A single goal.
-            miss: Predicted miss distances [m], any shape.
-            velocity: Velocity of the tip at its closest approach [m/s], (..., d); None: see `Goals.hit_probability`.
-            blur: Length that is added in quadrature to the scale of the model error [m]. Searches need a positive
-                length: with a scale near 0 the probability is 0 or 1, and strikes cannot be ranked.
-
-        Returns:
-            Probabilities, of the shape of `miss`.
+        The length `blur` [m] is added in quadrature to the scale of the model error. Searches need a positive length:
+        with a scale near 0 the probability is 0 or 1, and strikes cannot be ranked.
         """
         scale = max(float(np.hypot(self.scale, blur)), 1e-12)
         return goal.hit_probability(miss, velocity, scale, self.freedom)

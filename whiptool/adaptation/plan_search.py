@@ -34,22 +34,14 @@ _TOGETHER = 8  # strikes whose whole trajectories are judged together
 
 @dataclass(frozen=True)
 class PlanningEffort:
-    """Amount of computation of the planner.
+    """Amount of computation of the planner."""
 
-    Args:
-        pool: Number of random candidate strikes, simulated with the mean of the belief.
-        polished: Number of the best of them that are improved along exact derivatives with the mean.
-        steps: Largest number of such improvement steps.
-        whips: Number of whips sampled from the belief.
-        population, rounds: Size and number of rounds of the cross-entropy search over all sampled whips.
-    """
-
-    pool: int = 160
-    polished: int = 8
-    steps: int = 5
-    whips: int = 16
-    population: int = 8
-    rounds: int = 4
+    pool: int = 160  # random candidate strikes, simulated with the mean of the belief
+    polished: int = 8  # the best of them, which are improved along exact derivatives with the mean
+    steps: int = 5  # largest number of such improvement steps
+    whips: int = 16  # whips sampled from the belief
+    population: int = 8  # strikes in a round of the cross-entropy search over all sampled whips
+    rounds: int = 4  # rounds of that search
 
     def __post_init__(self) -> None:
         for name in ("pool", "polished", "whips"):
@@ -60,64 +52,38 @@ class PlanningEffort:
 
 @dataclass(frozen=True)
 class Demands:
-    """Constraints on a strike in addition to the hit.
+    """Constraints on a strike in addition to the hit."""
 
-    Args:
-        bounds: Bounds of strikes; default: `default_bounds`.
-        limits: One or several limits that the strike has to keep with the belief's mean.
-        check: Function that returns the reason why a strike must not be made, or None; it is called for the best
-            strikes in turn.
-        t_stay: Time after the movement's end for which the tip is still observed [s].
-    """
-
-    bounds: StrikeBounds | None = None
-    limits: Given = ()
-    check: Callable[[Strike], str | None] | None = None
-    t_stay: float = T_STAY
+    bounds: StrikeBounds | None = None  # of strikes; default: `default_bounds`
+    limits: Given = ()  # one or several that the strike has to keep with the belief's mean
+    check: Callable[[Strike], str | None] | None = None  # returns why a strike must not be made, or None
+    t_stay: float = T_STAY  # time after the movement's end in which the tip is observed [s]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The chosen strike and predictions of its outcome.
-
-    Args:
-        strike: Strike vector.
-        probability: Predicted probability of a hit; None for a movement that is not a strike at the target.
-        expected_miss: Mean miss distance over the sampled whips that do not diverge [m]; None also if all diverge.
-        mean_miss: Miss distance with the mean of the belief [m].
-        usage: Largest usage of the motors' speed-torque line by the strike with the mean of the belief, 1 being the
-            limit; None: no limits were given, or the arm is in space.
-        reason: Why this strike was chosen, in words.
-        wall_time: Time that planning took [s].
-        allowed: Whether limits and `check` allow the strike; if not, no allowed one was found, and it must not be made.
-        misses: Predictive sample of the miss distance [m], ascending: one per sampled whip, with a random model error;
-            None where the simulation diverges. Empty for a movement that is not a strike at the target.
-        contact: Time of the closest approach with the mean of the belief [s].
+    """The chosen strike and predictions of its outcome; of a movement that is not a strike at the target, `probability`
+    is None and `misses` is empty.
     """
 
-    strike: tuple[float, ...]
-    probability: float | None
-    expected_miss: float | None
-    mean_miss: float | None
-    usage: float | None
-    reason: str
-    wall_time: float
-    allowed: bool = True
-    misses: tuple[float | None, ...] = ()
-    contact: float | None = None
+    strike: tuple[float, ...]  # strike vector, (m,)
+    probability: float | None  # of a hit
+    expected_miss: float | None  # mean over the sampled whips that do not diverge [m]; None also if all diverge
+    mean_miss: float | None  # miss distance with the mean of the belief [m]
+    usage: float | None  # largest of the motors' speed-torque line, limit 1; None: no limits, or an arm in space
+    reason: str  # why this strike was chosen, in words
+    wall_time: float  # of planning [s]
+    allowed: bool = True  # by limits and `check`; if not, no allowed strike was found, and it must not be made
+    misses: tuple[float | None, ...] = ()  # [m], ascending, one per sampled whip, with a model error; None: diverged
+    contact: float | None = None  # time of the closest approach with the mean of the belief [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Passes:
-    """Closest approaches of the tip to a goal, for B strikes with each of S whips.
+    """Closest approaches of the tip to a goal, for B strikes with each of S whips."""
 
-    Args:
-        distance: Miss distance [m], (B, S); infinite if not known.
-        velocity: Velocity of the tip at the closest approach [m/s], (B, S, d).
-    """
-
-    distance: np.ndarray
-    velocity: np.ndarray
+    distance: np.ndarray  # miss distance [m], (B, S); infinite if not known
+    velocity: np.ndarray  # of the tip at the closest approach [m/s], (B, S, d)
 
     def probability(self, goal: Goals, error: ModelError, *, blur: float = 0.0) -> np.ndarray:
         """Return the mean hit probability of each strike over the whips, (B,), see `ModelError.hit_probability`."""
@@ -132,25 +98,13 @@ class Search(ABC):
     """Searches for a strike that hits with the mean whip of a belief and with whips sampled from it; subclasses
     generate the candidates.
 
-    Args:
-        belief: Distribution of the whip's parameters.
-        target: Target of the strike.
-        demands: Further requirements of the strike.
-        sag: Predicted deviation of the arm from the commanded start posture, see `expected_sag`; None: none.
-
-    Attributes:
-        margins: Fractions of the limits that are left unused, one for each successive search; without limits only the
-            first search is made.
-        checked: Number of the best strikes of a search of which one may be chosen, see `first_allowed`; None: all.
-        margin: The fraction of the current search.
-        spread: Standard deviation of the first random steps around the best strike, as a fraction of the bounds' width.
+    `sag` predicts the deviation of the arm from the commanded start posture, see `expected_sag`; None: none. `margin`
+    is the fraction of the limits that the current search leaves unused.
     """
 
-    margins: tuple[float, ...] = (0.0,)
-    checked: int | None = None
-    spread: (
-        float  # standard deviation of the first random steps around the best strike, as a fraction of the bounds' width
-    )
+    margins: tuple[float, ...] = (0.0,)  # `margin` of each successive search; without limits only the first is made
+    checked: int | None = None  # best strikes of a search of which one may be chosen, see `first_allowed`; None: all
+    spread: float  # standard deviation of the first steps around the best strike, as a fraction of the bounds' width
 
     def __init__(
         self,
@@ -300,16 +254,10 @@ class Search(ABC):
         refused: str | None,
         forbidden: str | None,
     ) -> Plan:
-        """Return the plan: the chosen strike, predictions of its outcome, and the reason for the choice.
+        """Return the plan: the chosen strike (m,), predictions of its outcome, and the reason for the choice.
 
-        Args:
-            strike: The chosen strike, (m,).
-            whips: Whips sampled from the belief.
-            rng: Random generator.
-            spent: Time that the planner took [s].
-            tried: Number of strikes that were tried.
-            refused: Why the strike must not be made; None: it may be made.
-            forbidden: Why the best aimed strike must not be made; None: it may, and is the chosen strike.
+        The planner took `spent` seconds and tried `tried` strikes. The texts say why the strike must not be made
+        (`refused`), and why the best aimed one must not (`forbidden`); None: it may, and is the chosen strike.
         """
         passes = self.each(strike[None], whips, self.rollout)
         near = self.rollout.approach(strike[None], self.goal.positions[0], t_stay=self.striker.t_stay)
@@ -359,37 +307,23 @@ LEAST_ELITE = 2  # strikes that the spread is learned from, at least
 
 @dataclass(frozen=True)
 class CrossEntropy:
-    """Settings of the cross-entropy search.
+    """Settings of the cross-entropy search."""
 
-    Args:
-        width: Width of the box of strikes in each coordinate, (m,).
-        spread: Standard deviation of the first draws, as a fraction of the width.
-        population: Strikes in a round.
-        rounds: Largest number of rounds.
-        within: Function that moves strikes (B, m) into the feasible set.
-        sure: Function that returns whether the search may stop at a strike of this value.
-    """
-
-    width: np.ndarray
-    spread: float
-    population: int
-    rounds: int
-    within: Callable[[np.ndarray], np.ndarray]
-    sure: Callable[[float], bool]
+    width: np.ndarray  # of the box of strikes in each coordinate, (m,)
+    spread: float  # standard deviation of the first draws, as a fraction of the width
+    population: int  # strikes in a round
+    rounds: int  # largest number of rounds
+    within: Callable[[np.ndarray], np.ndarray]  # moves strikes (B, m) into the feasible set
+    sure: Callable[[float], bool]  # whether the search may stop at a strike of this value
 
     def around(
         self, best: np.ndarray, value: float, worth: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the strikes that were drawn around the best strike (D, m), and their values (D,).
+        """Return the strikes that were drawn around the best strike (D, m), and their values by `worth` (D,), which are
+        maximised.
 
         If a round finds a better strike, that becomes the centre, and the new spread is the mean of the last spread and
         of the distance of the round's best quarter from the centre; else the spread shrinks to three fifths.
-
-        Args:
-            best: Initial strike, (m,).
-            value: Value of that strike.
-            worth: Function that returns the values (B,) of strikes (B, m), to be maximised.
-            rng: Generator of the draws.
         """
         centre, top, spreads = best, value, np.full(len(best), self.spread)
         strikes, values = np.empty((0, len(best))), np.empty(0)

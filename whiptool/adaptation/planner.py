@@ -150,27 +150,18 @@ def plan(
 ) -> Plan:
     """Return the strike with the largest probability of a hit over whips sampled from a belief.
 
-    Candidates are found with the belief's mean, see `PlanarSearch` and, in space, `AimedSearch`. They are simulated
-    with every sampled whip, and a search with a shrinking normal distribution refines the best (`CrossEntropy`). The
-    miss with each sample is smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at
-    least 5 mm. If limits or `check` forbid all of them, the best of random strikes that may be made is returned, which
-    hardly hits, but from which the whip is learned; the plan is not `allowed` if none may be made.
-    Probability and expected miss are computed with samples that the search has not used. After several searches the
-    probability is the largest of several estimates, each over 64 sampled whips, and is a few percent too high.
+    Candidates are found with the belief's mean, see `PlanarSearch` and, in space, `AimedSearch`; `past` strikes are
+    candidates, too. They are simulated with every sampled whip, and a search with a shrinking normal distribution
+    refines the best (`CrossEntropy`). The miss with each sample is smoothed by the belief's model error
+    (`ModelError.hit_probability`), in the search by at least 5 mm. If limits or `check` forbid all of them, the best of
+    random strikes that may be made is returned, which hardly hits, but from which the whip is learned; the plan is not
+    `allowed` if none may be made.
 
-    Args:
-        belief: Distribution of the whip's parameters; an arm in space has to follow its command exactly.
-        target: A point, and on request a direction and a least speed.
-        rng: Generator for candidates and samples.
-        past: Strikes that were tried before; they are candidates, too.
-        demands: Further requirements of the strike.
-        effort: Amount of computation.
-        retries: Amounts of computation of further searches, made until a strike is allowed and likely enough to hit.
-        enough: Hit probability from which no further search is made.
-        sag: Predicted deviation of the arm from the commanded start posture, see `expected_sag`; None: none.
-
-    Raises:
-        InputError: A past strike does not fit this arm, or the arm has no default bounds.
+    Further searches, one for each of `retries`, are made until a strike is allowed and its hit probability is at least
+    `enough`. Probability and expected miss are computed with samples that the search has not used. After several
+    searches the probability is the largest of several estimates, each over 64 sampled whips, and is a few percent too
+    high. `sag` is the arm's predicted deviation from the commanded start posture, see `expected_sag`. An arm in space
+    has to follow its command exactly.
     """
     began = time.perf_counter()
     kind = AimedSearch if belief.plant.model.dimension == 3 else PlanarSearch

@@ -103,12 +103,10 @@ def truth_of(twin: Twin, motor: Motor = HARDWARE) -> TwinTruth:
 
 
 class RigPort:
-    """A rig as a port: hardware, or a simulated twin.
+    """A rig as a port: hardware, or a simulated twin, with a target at a position (d,) [m].
 
-    Args:
-        make: Function that returns the rig for a strike's number. A twin's noise depends on that number, so that a
-            resumed run sees the same noise.
-        target: Position of the target [m], (d,).
+    `make` returns the rig for a strike's number, on which a twin's noise depends, so that a resumed run sees the same
+    noise.
     """
 
     def __init__(self, make: Callable[[int], Rig], target: tuple[float, ...]) -> None:
@@ -121,11 +119,8 @@ class RigPort:
         return self._judge.refusal(strike, believed)
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Make a strike with the rig; see `Port.strike`.
-
-        Raises:
-            StrikeStopped, StrikeInterrupted, Locked: See `whiptool.rig.session.Rig.strike`; it does not count as a
-                trial.
+        """Make a strike with the rig, see `Port.strike`; one that is stopped or interrupted raises, see `Rig.strike`,
+        and does not count.
         """
         self._judge = None
         try:
@@ -166,14 +161,11 @@ class AwaitsRecording(WhiptoolError):
 
 
 class RobotPort:
-    """A position-controlled robot that the user commands and records.
+    """A position-controlled robot with a whip, which makes the strikes itself if `rig` is given; else the user's own
+    program commands and records it.
 
-    Args:
-        model: Model of the robot's arm with the whip.
-        target: Target, for the miss distance.
-        execution: How the robot makes strikes; by default it stands at each strike's start.
-        t_stay: Time after the movement's end for which the tip is still observed [s].
-        rig: The robot, which makes the strikes itself and records its joints; None: the user's own program does.
+    Strikes are executed as `execution` says, by default from a robot that stands at each strike's start; the tip is
+    observed for `t_stay` [s] after the movement's end.
     """
 
     must_teach = True  # a recording of which nothing can be learned is refused: the lab can mend its file
@@ -195,12 +187,8 @@ class RobotPort:
         return self.rig.refusal(strike, believed) if self.rig is not None else self._planned(strike, believed)[1]
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Return the recording of a strike from the folder; see `Port.strike`.
-
-        Raises:
-            AwaitsRecording: The recording does not exist yet; the trajectory for the robot is in the folder.
-            InputError: The recording cannot be read, or the way from the robot's posture to the strike's start is not
-                within the default limits.
+        """Return the recording of a strike from the folder, see `Port.strike`; until it exists, write the trajectory
+        for the robot there and raise `AwaitsRecording`.
         """
         assert folder is not None
         file = folder / RECORDED
@@ -219,9 +207,6 @@ class RobotPort:
     def read(self, file: Path, strike: Strike) -> StrikeRecording:
         """Return the recording of a strike from a file, with the strike as its command, which the sidecar file need not
         contain.
-
-        Raises:
-            InputError: The file cannot be read.
         """
         found, moved = replace(read_recording(file), **self._about), file.with_name(RECORDING)
         if found.joints_q is None and moved.exists():  # the robot's own log
@@ -230,17 +215,9 @@ class RobotPort:
         return self._of(found, strike)
 
     def read_cameras(self, files: Sequence[Path], strike: Strike, cameras: Path | None = None) -> StrikeRecording:
-        """Return the recording of a strike in space, triangulated from two or more cameras; films are tracked, with
-        progress on stderr.
-
-        Args:
-            files: For each camera a film or a table of pixels.
-            strike: The strike's command, which the files' sidecars need not contain.
-            cameras: File of the calibrated cameras; default: the one that each sidecar names.
-
-        Raises:
-            InputError: A file cannot be read, or the files are not of one strike, see
-                `whiptool.vision.multi_view.strike_in_space`.
+        """Return the recording of a strike in space, triangulated from a film or table of pixels of each of two or more
+        cameras, calibrated in the file `cameras` (default: as each sidecar names). Films are tracked, with progress on
+        stderr.
         """
         from whiptool.identification.inputs import opened, tracked
         from whiptool.vision.multi_view import strike_in_space
@@ -271,12 +248,7 @@ class RobotPort:
         return default_limits(self.model, prescribed=True)
 
     def _told(self, strike: Strike, folder: Path, believed: Model | None) -> Path:
-        """Write a strike's trajectory, and return its file.
-
-        Raises:
-            StrikeRefused: The strike is not within the limits.
-            InputError: The way to its start is not.
-        """
+        """Write a strike's trajectory, and return its file; raise StrikeRefused if the strike is not within the limits."""
         path, beyond = self._planned(strike, believed)
         if beyond is not None:
             of_strike, at_start = beyond, replace(self.execution, posture=None)

@@ -32,23 +32,15 @@ TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every pla
 class Starts:
     """Thresholds at which the fit of a whip is accepted without another starting point.
 
-    Args:
-        explained: Root mean square of the residuals, in standard errors with what is not modelled, up to which no other
-            start is tried.
-        near: In the plane also an RMSE [m] up to which no other start is tried: in a wrong local minimum the RMSE is
-            centimetres, with an incomplete model millimetres. Not used in space, where a bead at a wrong position also
-            costs only millimetres.
-        close: Fit tolerance: decrease of the cost per mean squared residual below which no further step is made; it
-            corresponds to 0.08 standard errors.
-        valley: RMSE [m] above which two agreeing starts may both have ended in the same wrong local minimum.
-        same: Difference in cost (a log likelihood) up to which two fits count as the same.
+    `near` is not used in space. In the plane the RMSE in a wrong local minimum is centimetres, with an incomplete model
+    millimetres; in space a bead at a wrong position also costs only millimetres.
     """
 
-    explained: float = 1.0
-    near: float = 0.0075
-    close: float = 3e-3
-    valley: float = 0.02
-    same: float = 0.5
+    explained: float = 1.0  # RMS residual, in standard errors with model errors, up to which no other start is tried
+    near: float = 0.0075  # in the plane also an RMSE [m] up to which no other start is tried
+    close: float = 3e-3  # a fit ends with smaller decreases of cost per mean squared residual; 0.08 standard errors
+    valley: float = 0.02  # RMSE [m] above which two agreeing starts may have ended in the same wrong local minimum
+    same: float = 0.5  # largest difference in cost (a log likelihood) of two fits that count as the same
 
 
 STARTS = Starts()
@@ -79,21 +71,11 @@ def update(
 ) -> Learned:
     """Return the belief after all recordings, fitted by maximum a posteriori from several starting points.
 
-    The first starting point is the last belief. Unless that fit explains all frames, the best samples of the prior
-    follow, until a fit explains them or two starts agree. The covariance is that of the linearised fit; its data are
-    weighted down by the variance of the residuals and by their correlation, for model errors persist over many frames.
-
-    Args:
-        prior: Belief before any recording.
-        recordings: All recordings so far, with different sources, each with its command and the marker `tip`.
-        guess: Belief after all recordings but the last, where the first fit starts; None: the prior.
-        contacts: Planned time of the closest approach of each strike [s], by source, if it is known.
-        starts: Largest number of starting points.
-        screened: Number of prior samples from which the further starting points are chosen.
-        seed: Seed of the samples.
-
-    Raises:
-        InputError: A recording lacks its command or its tip.
+    The first starting point is `guess`, the belief after all recordings but the last; None: the prior. Unless that fit
+    explains all frames, the best of `screened` samples of the prior follow, until a fit explains them, two starts
+    agree, or `starts` were tried. The covariance is that of the linearised fit; its data are weighted down by the
+    variance of the residuals and by their correlation, for model errors persist over many frames. `contacts` are
+    planned times of the closest approach [s], by the recording's source.
     """
     began, refused, used = time.perf_counter(), dict[str, str](), list[StrikeRecording]()
     for recording in recordings:
@@ -149,18 +131,11 @@ def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
 
 def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[StrikeRecording | None, str]:
     """Return the tip's frames up to shortly after its closest approach to the target and an empty text; or None and the
-    reason why the recording cannot be used.
+    reason why the recording cannot be used. If the approach came before its planned time `contact` [s], frames are kept
+    until then.
 
     The standard errors include a model error, so that a precise camera does not drive the fit to implausible
     parameters. At rest this error is the same in all frames, which are therefore replaced by one: their median.
-
-    Args:
-        recording: Recording of one strike.
-        contact: Planned time of the closest approach [s]; if the approach came earlier, frames are kept until this
-            time.
-
-    Raises:
-        InputError: The recording lacks its command or its tip.
     """
     recording.commanded()
     if "tip" not in recording.markers:

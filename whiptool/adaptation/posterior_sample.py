@@ -30,21 +30,13 @@ _ENOUGH = 3.0  # effective draws per number, of which the next proposal's moment
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class PosteriorSample:
-    """S weighted draws of m parameters from a posterior.
+    """S weighted draws of m parameters from a posterior."""
 
-    Args:
-        names: Names of the parameters, as in the belief.
-        z: Draws in the solver's variables (see `Belief`), (S, m).
-        values: The same draws in the parameters' own units, (S, m).
-        weights: Weights of the draws, which sum to 1, (S,).
-        log_density: Log density of the posterior at the draws, up to a constant, (S,).
-    """
-
-    names: tuple[str, ...]
-    z: np.ndarray
-    values: np.ndarray
-    weights: np.ndarray
-    log_density: np.ndarray
+    names: tuple[str, ...]  # of the parameters, as in the belief
+    z: np.ndarray  # draws in the solver's variables (see `Belief`), (S, m)
+    values: np.ndarray  # the same draws in the parameters' own units, (S, m)
+    weights: np.ndarray  # of the draws, which sum to 1, (S,)
+    log_density: np.ndarray  # of the posterior at the draws, up to a constant, (S,)
 
     @property
     def effective(self) -> float:
@@ -52,11 +44,7 @@ class PosteriorSample:
         return effective_size(np.log(np.maximum(self.weights, 1e-300)))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Return the equal-tailed credible interval of the parameter `name`, in its own unit.
-
-        Raises:
-            InputError: The name is not among `names`.
-        """
+        """Return the equal-tailed credible interval of the parameter `name`, in its own unit."""
         if name not in self.names:
             raise InputError("parameter", name, "one of " + ", ".join(self.names))
         column = self.values[:, self.names.index(name)]
@@ -80,17 +68,8 @@ def sample_posterior(
     rounds: int = ROUNDS,
     size: int = SIZE,
 ) -> PosteriorSample:
-    """Sample the posterior of the whip's parameters by importance sampling with the compiled simulator.
-
-    Args:
-        prior: Belief before any recording.
-        recordings, contacts: As given to `whiptool.adaptation.posterior.update`.
-        learned: Result of `update`; recordings that it refused are left out here.
-        rng: Random generator of the draws.
-        rounds, size: As in `importance_sample`.
-
-    Raises:
-        InputError: No recording was used.
+    """Sample the posterior of the whip's parameters by `importance_sample` with the compiled simulator, from recordings
+    that `update` used; `learned` is its result.
     """
     used = [r for r in recordings if r.source in learned.rmse]
     density = log_posterior(prior, used, learned.redundancy, contacts=contacts)
@@ -107,16 +86,9 @@ def log_posterior(
     *,
     contacts: Mapping[str, float] | None = None,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the logarithm of the posterior density, up to a constant, as a function of draws (S, m).
-
-    Args:
-        prior: Belief before the recordings; the density is zero where a parameter is out of its bounds.
-        recordings: Recordings of the whip.
-        redundancy: Number of readings that carry as much information as one independent reading.
-        contacts: Planned time of the closest approach of each strike [s], by source, if it is known.
-
-    Raises:
-        InputError: No recording can be used.
+    """Return the logarithm of the posterior density of the parameters, up to a constant, as a function of draws (S, m);
+    it is minus infinity where a parameter is out of its bounds. `redundancy` readings carry as much information as one
+    independent reading.
     """
     planned = contacts or {}
     cuts = [usable(recording, planned.get(recording.source))[0] for recording in recordings]
@@ -152,24 +124,12 @@ def importance_sample(
     size: int = SIZE,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sample a density by adaptive multiple importance sampling (Cornuet, Marin, Mira and Robert 2012, Scand. J. Stat.
-    39).
+    39), and return draws (S, m), their weights (S,), which sum to 1, and their log densities (S,).
 
-    Every round draws from a Student's t with the moments of all draws so far, and weights all draws by the mixture of
-    all proposals. While few draws carry most of the weight, the log weights are tempered before the moments are
-    computed, and the covariance is mixed with the first one.
-
-    Args:
-        log_density: Function that returns the log density (S,) of draws (S, m), up to a constant; minus infinity for
-            density zero.
-        centre, covariance: Centre and covariance of the first proposal, (m,) and (m, m).
-        rng: Random generator of the draws.
-        rounds, size: Number of proposals, and of draws from each.
-
-    Returns:
-        Draws (S, m), their weights (S,), which sum to 1, and their log densities (S,).
-
-    Raises:
-        InputError: The density is zero at all draws.
+    Each of `rounds` proposals draws `size` times from a Student's t with the moments of all draws so far, the first
+    with a given centre (m,) and covariance (m, m), and weights all draws by the mixture of all proposals. While few
+    draws carry most of the weight, the log weights are tempered before the moments are computed, and the covariance is
+    mixed with the first one.
     """
     m, first = len(centre), covariance
     proposals, draws, log = [], np.zeros((0, m)), np.zeros(0)

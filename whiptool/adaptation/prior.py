@@ -32,47 +32,27 @@ from whiptool.rig.emulator.motor import Motor
 class Spread:
     """Standard deviations of the prior of a whip; those without unit are relative.
 
-    Args:
-        thickness_taper: Error of the taper of the whip's thickness; density, stiffness and damping scale with powers of
-            it.
-        own_taper: Additional independent error of the taper of density, which scales with the thickness squared;
-            stiffness and damping, which scale with its fourth power, have twice as much.
-        rest_curvature: Error of the rest curvature [1/m]: a twentieth of that of a coil of 0.15 m radius, which a
-            stored rope keeps.
-        along: Error of the ratio of drag along a whip to that across; the mean is 0.5.
-        stiffening: Error of the relative increase of a joint's stiffness at a usual bend, and its mean.
-        bead: Error of the mass of a bead or knot, and its mean, as a fraction of the whip's mass.
-        bead_place: Error of the bead's position, as a fraction of the length.
-        density_wave, stiffness_wave: Errors of the first Fourier component of density and stiffness along the
-            whip beyond the taper; a thickness error of 7 % changes mass by 15 % and stiffness by 30 %.
-        wave_falls: Ratio of the error of each further component to that of the one before.
-        arm_friction: Error of the friction of the arm [N m s/rad].
-        arm_mass: Error of the masses of the arm's links.
-        gain: Error of the controller's gains.
-        clock: Error of the camera's clock [s].
-        usual_speed: Typical speed of a joint in a strike [rad/s], at which dry friction is converted to viscous
-            friction; not an error.
-        usual_bend: Curvature that most of a whip stays below in a strike [1/m]; not an error.
-        inertia: Error of a motor's inertia.
+    Density scales with thickness squared, stiffness and damping with its fourth power. Their independent tapers have
+    therefore errors in the ratio 1 to 2, and a thickness error of 7 % changes mass by 15 % and stiffness by 30 %.
     """
 
-    thickness_taper: float = 0.35
-    own_taper: float = 0.2
-    rest_curvature: float = 0.3
-    along: float = 0.3
-    stiffening: float = 0.2
-    bead: float = 0.1
-    bead_place: float = 0.25
-    density_wave: float = 0.15
-    stiffness_wave: float = 0.25
-    wave_falls: float = 0.8
-    arm_friction: float = 0.01
-    arm_mass: float = 0.1
-    gain: float = 0.1
-    clock: float = 0.006
-    usual_speed: float = 2.0
-    usual_bend: float = 4.0
-    inertia: float = 0.4
+    thickness_taper: float = 0.35  # taper of thickness; density, stiffness and damping scale with powers of it
+    own_taper: float = 0.2  # independent further error of density's taper; stiffness and damping have twice as much
+    rest_curvature: float = 0.3  # [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps
+    along: float = 0.3  # ratio of drag along a whip to that across; the mean is 0.5
+    stiffening: float = 0.2  # relative increase of a joint's stiffness at a usual bend, and its mean
+    bead: float = 0.1  # mass of a bead or knot as a fraction of the whip's mass, and its mean
+    bead_place: float = 0.25  # position of the bead, as a fraction of the length
+    density_wave: float = 0.15  # first Fourier component of density along the whip, beyond the taper
+    stiffness_wave: float = 0.25  # first Fourier component of stiffness along the whip, beyond the taper
+    wave_falls: float = 0.8  # ratio of the error of each further component to that of the one before
+    arm_friction: float = 0.01  # [N m s/rad]
+    arm_mass: float = 0.1  # masses of the arm's links
+    gain: float = 0.1  # the controller's gains
+    clock: float = 0.006  # the camera's clock [s]
+    usual_speed: float = 2.0  # of a joint in a strike [rad/s], to convert dry to viscous friction; not an error
+    usual_bend: float = 4.0  # curvature that most of a whip stays below in a strike [1/m]; not an error
+    inertia: float = 0.4  # of a motor
 
 
 _SPREAD = Spread()
@@ -83,24 +63,13 @@ UNSEEN = ModelError(0.01, 1.5)  # before any recording of a moving whip
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Belief:
-    """A normal distribution over m named parameters of a plant and of the camera's clock.
+    """A normal distribution over m named parameters of a plant and of the camera's clock."""
 
-    Args:
-        plant: Model and controller; all their parameters that are not in `names` are taken as known.
-        names: Names of the parameters in `Plant.values()`, or `delay` for the delay of the camera's clock.
-        z: Mean, (m,), of the solver's variables: logarithms of positive numbers, others divided by their usual size.
-        covariance: Covariance of z, (m, m), positive definite.
-        model_error: Distribution of the distance between the true path of the tip and that of the best-fitting whip.
-
-    Raises:
-        InputError: A name is unknown, or shapes do not fit.
-    """
-
-    plant: Plant
-    names: tuple[str, ...]
-    z: np.ndarray
-    covariance: np.ndarray
-    model_error: ModelError = NONE
+    plant: Plant  # model and controller; all their parameters that are not in `names` are taken as known
+    names: tuple[str, ...]  # as in `Plant.values()`, or `delay` for the delay of the camera's clock
+    z: np.ndarray  # mean in solver variables: logarithms of positive numbers, others over their usual size, (m,)
+    covariance: np.ndarray  # of z, (m, m), positive definite
+    model_error: ModelError = NONE  # distance between the tip's true path and that of the best-fitting whip
 
     def __post_init__(self) -> None:
         known = {**self.plant.values(), "delay": 0.0}
@@ -166,11 +135,7 @@ class Belief:
 
     @classmethod
     def from_table(cls, plant: Plant, table: Mapping[str, Any]) -> Belief:
-        """Return the belief from a table of `to_table`.
-
-        Raises:
-            InputError: A key is missing, or its value does not fit.
-        """
+        """Return the belief from a table of `to_table`."""
         try:
             names, error = tuple(table["names"]), ModelError(**table["model_error"])
             z, covariance = np.array(table["z"], float), np.array(table["covariance"], float)
@@ -184,20 +149,14 @@ class Belief:
 class Learned:
     """The belief after an update, and how each recording was used.
 
-    Args:
-        belief: The posterior.
-        rmse: Root mean square error of each recording that was used, by source [m].
-        refused: Reason why a recording was not used, by source.
-        wall_time: Time that the update took [s].
-        redundancy: Number of readings that carry as much information as one independent reading with the stated error,
-            as errors of neighbouring frames are correlated and may be larger than stated.
+    Errors of neighbouring frames are correlated and may be larger than stated, which `redundancy` expresses.
     """
 
-    belief: Belief
-    rmse: dict[str, float]
-    refused: dict[str, str]
-    wall_time: float
-    redundancy: float = 1.0
+    belief: Belief  # the posterior
+    rmse: dict[str, float]  # root mean square error of each recording that was used, by source [m]
+    refused: dict[str, str]  # why a recording was not used, by source
+    wall_time: float  # of the update [s]
+    redundancy: float = 1.0  # number of readings with the information of one independent reading of the stated error
 
 
 def default_prior(
@@ -253,11 +212,7 @@ def default_prior(
 
 
 def _uncertain(controller: Controller) -> tuple[str, ...]:
-    """Return the parameters of the controller's law that are not exactly known.
-
-    Raises:
-        InputError: The law, which is of another package, does not say which they are.
-    """
+    """Return the parameters of the controller's law that are not exactly known."""
     names = getattr(controller.law, "uncertain", None)
     if names is None:
         rule = "a law that says which of its parameters are not exactly known"
@@ -345,15 +300,9 @@ def read_belief(
 ) -> Belief:
     """Return the default prior, changed by a file of lines such as `"profile.length" = {value = 0.9, error = 0.05}`.
 
-    Args:
-        path: A TOML file; None: the default. An error is relative for a parameter that is always positive, and in its
-            own unit for one that may be zero (drag, friction, damping, rest curvature, delay). A parameter in the file
-            becomes unknown if the default takes it as known; `error = 0` makes it known. Parameters in the file are
-            independent of all others.
-        model, controller, whip, motor, stock: As for `default_prior`.
-
-    Raises:
-        InputError: The file cannot be read, a name is unknown, or a number is out of range.
+    In the TOML file an error is relative for a parameter that is always positive, and in its own unit for one that may
+    be zero (drag, friction, damping, rest curvature, delay). A parameter in the file becomes unknown if the default
+    takes it as known; `error = 0` makes it known. Parameters in the file are independent of all others.
     """
     belief = default_prior(model, controller, whip=whip, motor=motor, stock=stock)
     if path is None:
@@ -377,11 +326,7 @@ def read_belief(
 
 
 def knowing(belief: Belief, values: Mapping[str, float]) -> Belief:
-    """Return the belief with some parameters set to known values; the distribution of the others is unchanged.
-
-    Raises:
-        InputError: A name is unknown, or a value is not allowed.
-    """
+    """Return the belief with some parameters set to known values; the distribution of the others is unchanged."""
     kept = [i for i, name in enumerate(belief.names) if name not in values]
     plant = belief.plant.changed({name: x for name, x in values.items() if name != "delay"})
     names = tuple(belief.names[i] for i in kept)

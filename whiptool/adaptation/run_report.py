@@ -63,12 +63,8 @@ class _Number:
 
 
 def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str]:
-    """Return the lines that the terminal shows after a strike.
-
-    Args:
-        step: The strike.
-        prior: Belief before any recording, with whose standard errors those after the strike are compared.
-        previous: The belief before this strike; None: the prior.
+    """Return the lines that the terminal shows after a strike; standard errors are compared with those of `prior`,
+    before any recording, and `previous` is the belief before this strike (None: the prior).
     """
     o, p, learned = step.outcome, step.plan, step.learned
     said = [f"{_name(step)}: {p.reason}"]
@@ -102,12 +98,8 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
 
 
 def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Section]:
-    """Return the report's sections, for `whiptool.viz.report.to_html`.
-
-    Args:
-        steps: All steps in order; the measurement before the first strike, if any, comes first.
-        prior: Belief before any recording.
-        target: Target of the strikes.
+    """Return the report's sections, for `whiptool.viz.report.to_html`; of the steps in order, the first may be the
+    measurement before the first strike.
     """
     if not steps:
         return [Section("Strikes", [Text("No strike was made.")])]

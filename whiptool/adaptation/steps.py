@@ -32,12 +32,8 @@ _SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12]
 
 
 def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
-    """Return the judgement of a strike from its measured miss distance alone, for a port that returns no recording.
-
-    Args:
-        miss: Miss distance [m].
-        target: Target. If it asks for a direction or a speed, no hit is claimed, as the tip's velocity is unknown.
-        error: Standard error of the miss distance [m].
+    """Return the judgement of a strike from its measured miss distance and standard error [m] alone, for a port without
+    a recording. If the target asks for a direction or speed, no hit is claimed, as the tip's velocity is unknown.
     """
     return Judgement(miss, error, float(target.goals.hit_probability(np.array(miss), None, error)))
 
@@ -50,18 +46,11 @@ def judge(
     until: float | None = None,
     seed: Sequence[int] = (0,),
 ) -> Judgement | None:
-    """Return the miss distance of a recorded strike with its standard error, and the probability that it hit.
+    """Return the miss distance of a recorded strike with its standard error, and the probability that it hit; None if
+    too few frames show the tip. Without the posterior `belief` of the whip after this strike only the frames are used.
 
-    Args:
-        recording: Recording of the tip, with the strike's command.
-        target: Point and hit radius.
-        belief: The posterior of the whip after this strike; None: only the frames are used.
-        until: Frames after this time [s] are ignored, unless the closest approach is among them: after a contact with
-            the target the whip moves as no model predicts. None: all frames are used.
-        seed: Seed of the whips that are drawn from the belief.
-
-    Returns:
-        The judgement; None if too few frames show the tip.
+    Frames after the time `until` [s] are ignored, unless the closest approach is among them: after a contact with the
+    target the whip moves as no model predicts.
     """
     frames = frames_of(recording, target, until)
     if frames is None:
@@ -175,9 +164,6 @@ class Port(Protocol):
 def checked(seen: Any, strike: Strike, number: int) -> Seen:
     """Return a port's result of strike `number` after checking it; its recording gets the strike and a source that
     names the number.
-
-    Raises:
-        InputError: `seen` is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.
     """
     if not isinstance(seen, Seen):
         given = f"{type(seen).__name__} from strike {number}"

@@ -28,24 +28,15 @@ BEND = 0.3 / 0.072  # curvature [1/m] that nine strikes in ten at the published 
 
 @dataclass(frozen=True)
 class Twin:
-    """A simulated arm, whip and camera whose parameters differ from those of the model that plans.
+    """A simulated arm, whip and camera whose parameters differ from those of the model that plans."""
 
-    Args:
-        family, seed: Family, and seed with which the twin was drawn.
-        model: The true arm and whip.
-        controller: The controller as it really acts on the arm.
-        latency: Round-trip delay of the servos' bus [s].
-        clock_offset: Delay of the camera's clock [s].
-        noise: Standard deviation of a measured tip position without simulated images [m].
-    """
-
-    family: str
-    seed: int
-    model: Model
-    controller: Controller
-    latency: float
-    clock_offset: float
-    noise: float
+    family: str  # of unknown whips, see `draw_twin`
+    seed: int  # with which the twin was drawn
+    model: Model  # the true arm and whip
+    controller: Controller  # as it really acts on the arm
+    latency: float  # round-trip delay of the servos' bus [s]
+    clock_offset: float  # delay of the camera's clock [s]
+    noise: float  # standard deviation of a measured tip position without simulated images [m]
 
     def __repr__(self) -> str:
         whip = self.model.whip

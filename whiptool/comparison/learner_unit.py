@@ -31,27 +31,21 @@ CHECKPOINT_EVERY = 10  # episodes
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerUnit(MethodUnit):
-    """Work unit that trains a learner once over the zone and then strikes at every target with its policy.
+    """Work unit that trains a learner once over the zone of its scene and then strikes at every target with its policy.
 
-    Args:
-        scene: Model, targets and hit radii.
-        method: sac, td3, ddpg or ppo.
-        observation: Observation of the learner.
-        seed: Seed of its training.
-        episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.TrainingPlan`.
-        reward: See `whiptool.rl.task.StrikeTask`.
-        settings: Hyperparameters that differ from the defaults, by name.
+    For `episodes`, `trials`, `random_episodes` and `hindsight` see `TrainingPlan`, for `reward`
+    `whiptool.rl.task.StrikeTask`.
     """
 
-    method: str
-    observation: str
-    seed: int
+    method: str  # sac, td3, ddpg or ppo
+    observation: str  # of the learner
+    seed: int  # of its training
     episodes: int = 500
     trials: int = 100
     random_episodes: int = 50
     hindsight: int = 0
     reward: str = "paper"
-    settings: tuple[tuple[str, float], ...] = ()
+    settings: tuple[tuple[str, float], ...] = ()  # hyperparameters that differ from the defaults, by name
 
     @property
     def series(self) -> tuple[str, str, int]:
@@ -131,15 +125,9 @@ class LearnerUnit(MethodUnit):
         return Training(learner, task, plan)
 
     def trained(self, folder: Path | None, threads: int | None) -> tuple[Any, dict[str, Any], str]:
-        """Train the learner, or resume it from its checkpoint.
-
-        Args:
-            folder: Folder of the checkpoint; None: no checkpoint is kept.
-            threads: Threads of the simulation; None: the default.
-
-        Returns:
-            The training; its history, with `rewards` (mean reward of each episode) and `seconds` (duration); and a note
-            if the training diverged, else "". After a divergence the learner is that of the last checkpoint.
+        """Return the learner's training, resumed from the checkpoint in a folder if there is one; its history, with
+        `rewards` (mean of each episode) and `seconds`; and a note if it diverged, else "": then the learner is that of
+        the last checkpoint.
         """
         from whiptool.rl.learner import Diverged
 
@@ -168,16 +156,8 @@ def trials_within(
     cap: int,
     convention: str,
 ) -> dict[float, tuple[np.ndarray, np.ndarray]]:
-    """Return trials to the first hit for several hit radii from the same strikes, which do not depend on the radius.
-
-    Args:
-        learner, targets, cap, convention: As in `trials_to_hit`.
-        task: Task whose hit radius is the smallest of `radii`.
-        radii: Hit radii [m].
-
-    Returns:
-        For each radius, trials to the first hit of the B targets (`cap` without a hit), (B,), and whether each was hit,
-        (B,).
+    """For each hit radius [m], return trials to the first hit of the B targets, (B,), `cap` without a hit, and whether
+    each was hit, (B,), see `trials_to_hit`. The strikes do not depend on the radius; the task's radius is the smallest.
     """
     from whiptool.rl.policy import trials_to_hit
 
@@ -201,11 +181,7 @@ def trials_within(
 
 
 class Checkpoint:
-    """Checkpoint of a training and of its history, in two files.
-
-    Args:
-        path: File of the training.
-    """
+    """Checkpoint of a training, in the file `path`, and of its history, in another."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.history = path, path.with_suffix(".history.json")

@@ -28,16 +28,10 @@ _AT_ONCE = 512
 
 @dataclass(frozen=True, eq=False)
 class StrikeLibrary:
-    """Past strikes and the paths of their tips.
+    """Past strikes and the paths of their tips."""
 
-    Args:
-        strikes: Vectors of n strikes of an arm with `a` joints, (n, 2 a + 1).
-        paths: S tip positions at equal intervals in each strike, (n, S, d) [m], with d the model's dimension, in single
-            precision; NaN after a strike's end.
-    """
-
-    strikes: np.ndarray
-    paths: np.ndarray
+    strikes: np.ndarray  # vectors of n strikes of an arm with `a` joints, (n, 2 a + 1)
+    paths: np.ndarray  # tip at S equal intervals, (n, S, d) [m], single precision; NaN after a strike's end
 
     @classmethod
     def random(
@@ -53,14 +47,8 @@ class StrikeLibrary:
         return cls(strikes, paths)
 
     def nearest(self, target: np.ndarray | tuple[float, ...], count: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """Return the strikes whose tips passed nearest to a target, the nearest first.
-
-        Args:
-            target: Position of the target (x, y) or (x, y, z) [m].
-            count: Number of strikes.
-
-        Returns:
-            Strike vectors, (count, 2 a + 1), and their miss distances [m], (count,).
+        """Return the strikes whose tips passed nearest to a target (d,) [m], the nearest first, (count, 2 a + 1), and
+        their miss distances [m], (count,).
         """
         distance = np.empty(len(self.strikes))
         for first in range(0, len(distance), _AT_ONCE):
@@ -74,11 +62,7 @@ class StrikeLibrary:
 
     @classmethod
     def load(cls, path: Path | str) -> StrikeLibrary:
-        """Read a library that `save` wrote.
-
-        Raises:
-            InputError: There is no such file, or it is not a library.
-        """
+        """Read a library that `save` wrote."""
         arrays = read_arrays(path, "library of strikes", {"strikes": "nm", "paths": "nSd"})
         return cls(arrays["strikes"], arrays["paths"])
 
@@ -95,17 +79,8 @@ def _distance(paths: np.ndarray, target: np.ndarray) -> np.ndarray:
 def warm_search(
     objective: Objective, method: str, library: StrikeLibrary, *, seed: int = 0, width: float = 0.1
 ) -> Result:
-    """Try the library's strike that is nearest to the target; after a miss, search around it.
-
-    Args:
-        objective: Objective with the target; its bounds are reduced.
-        method: As in `search`.
-        library: Library of past strikes.
-        seed: Seed of the method.
-        width: Width of the box around the library's strike, as a fraction of the objective's box.
-
-    Raises:
-        InputError: The method is unknown, or does not fit the objective.
+    """Try the library's strike that is nearest to the target; after a miss, search around it, in a box whose width is
+    the fraction `width` of the objective's box.
     """
     first = library.nearest(objective.target.position)[0][0]
     lower, upper = objective.bounds.box
@@ -133,20 +108,13 @@ class SearchUnit(MethodUnit):
     The search goes on until the tip comes within the smallest hit radius. At a target without direction and speed the
     search does not depend on the radius, so that its first trial within a wider radius also gives the result for that
     radius. A required direction or speed is weighted by the hit radius, so there is then one search per radius.
-
-    Args:
-        scene: Model, targets and hit radii.
-        method: Method of `whiptool.optimizers`, or `library`: strikes of a library of past strikes, nearest first.
-        seed: Seed of the search, and of the library.
-        first, last: Index of the first target, and index after the last.
-        library: Number of past random strikes from which the search starts; 0: none.
     """
 
-    method: str
-    seed: int
-    first: int
-    last: int
-    library: int = 0
+    method: str  # of `whiptool.optimizers`, or `library`: past strikes, nearest first
+    seed: int  # of the search, and of the library
+    first: int  # index of the first target
+    last: int  # index after the last target
+    library: int = 0  # number of past random strikes from which the search starts; 0: none
 
     @property
     def series(self) -> tuple[str, str, int]:

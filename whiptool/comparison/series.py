@@ -37,17 +37,11 @@ MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
 
 
 def mean_interval(trials: np.ndarray, *, cap: float = np.inf) -> tuple[float, float]:
-    """Return the 95 % confidence interval of the mean number of trials to the first hit.
+    """Return the 95 % confidence interval of the mean number of trials to the first hit, of S seeds at T targets,
+    (S, T); its ends are 1 and `cap`, an upper bound of the mean, if there is only one target.
 
     It is symmetric in the logarithm of the mean number of misses before the hit (mean - 1). With one seed it is the
     interval of the mean over targets for that seed. If every target was hit at the first trial, it has zero width.
-
-    Args:
-        trials: Trials to the first hit, S seeds by T targets, (S, T).
-        cap: Largest number of trials at a target, an upper bound of the mean.
-
-    Returns:
-        Lower and upper end; 1 and `cap` if there is only one target.
     """
     if trials.shape[1] == 1:
         return 1.0, float(cap)
@@ -60,16 +54,11 @@ def mean_interval(trials: np.ndarray, *, cap: float = np.inf) -> tuple[float, fl
 
 
 def ratio_interval(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """Return the 95 % confidence interval of the ratio of two methods' mean numbers of misses before the hit.
+    """Return the 95 % confidence interval of the ratio of two methods' mean numbers of misses before the hit, of seeds
+    at targets, (S, T) and (S', T); its ends are 0 and infinity if there is only one target.
 
     Misses, i.e. trials - 1, separate means near 1 trial better than trials do. If a mean is at most 1 trial, the
     interval is that of the ratio of mean trials. Both methods have the same targets.
-
-    Args:
-        one, other: Trials to the first hit of the two methods, seeds by targets, (S, T) and (S', T).
-
-    Returns:
-        Lower and upper end; 0 and infinity if there is only one target.
     """
     if one.shape[1] == 1:
         return 0.0, np.inf
@@ -81,12 +70,7 @@ def ratio_interval(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 
 def needs_fewer(one: np.ndarray, other: np.ndarray, *, share: float = 1.0) -> bool:
-    """Whether `one` needs significantly (95 %) fewer trials than `share` times those of `other`.
-
-    Args:
-        one, other: As in `ratio_interval`.
-        share: Fraction of the other's mean number of trials.
-    """
+    """Whether `one` needs significantly (95 %) fewer trials than `share` times those of `other`; see `ratio_interval`."""
     return ratio_interval(one, share * other)[1] < 1
 
 

@@ -42,34 +42,19 @@ from whiptool.rollout import CompiledRollout
 
 @dataclass(frozen=True, kw_only=True)
 class TargetScene:
-    """Model, controller and targets of a comparison, the same for all methods.
-
-    Args:
-        model, controller: Model of arm and whip, and the arm's controller.
-        zone: Zone of the targets.
-        arrival: Required arrival of the tip at the targets.
-        targets: Number of targets.
-        target_seed: Seed with which the targets are drawn.
-        radii: Hit radii [m], the widest first; learners are trained with the first.
-        cap: Largest number of trials at each target.
-        t_stay: Time after the movement during which the tip is followed [s].
-        tolerance, timestep: Tolerance and timestep of the compiled rollout.
-
-    Raises:
-        InputError: Zone or hit radius do not fit the model.
-    """
+    """Model, controller and targets of a comparison, the same for all methods."""
 
     model: Model
     controller: Controller
-    zone: Zone = field(default_factory=Disc)
-    arrival: ArrivalRule = field(default_factory=ArrivalRule)
+    zone: Zone = field(default_factory=Disc)  # of the targets
+    arrival: ArrivalRule = field(default_factory=ArrivalRule)  # required arrival of the tip at the targets
     targets: int = 300
-    target_seed: int = 0
-    radii: tuple[float, ...] = (0.06, 0.03, 0.01)
-    cap: int = 600
-    t_stay: float = T_STAY
-    tolerance: float | None = None
-    timestep: float | None = None
+    target_seed: int = 0  # with which the targets are drawn
+    radii: tuple[float, ...] = (0.06, 0.03, 0.01)  # hit radii [m], the widest first, with which learners are trained
+    cap: int = 600  # largest number of trials at each target
+    t_stay: float = T_STAY  # time after the movement during which the tip is followed [s]
+    tolerance: float | None = None  # of the compiled rollout
+    timestep: float | None = None  # of the compiled rollout
 
     def __post_init__(self) -> None:
         for radius in self.radii:
@@ -103,17 +88,11 @@ CELL_IN_SPACE = 0.1  # [m], and cells are more
 
 @dataclass(frozen=True, kw_only=True)
 class RegionUnit(Unit):
-    """Work unit that finds the region that the tips of random strikes pass at `SPEED` [m/s] or faster.
+    """Work unit that finds the region that the tips of random strikes pass at `SPEED` [m/s] or faster."""
 
-    Args:
-        scene: Scene, whose zone and targets are not used.
-        strikes: Number of random strikes.
-        cell: Width of the cells of the region [m].
-    """
-
-    scene: TargetScene
-    strikes: int
-    cell: float = CELL
+    scene: TargetScene  # its zone and targets are not used
+    strikes: int  # number of random strikes
+    cell: float = CELL  # width of the cells of the region [m]
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Simulate random strikes, and return the cells that their tips pass with at least `SPEED`."""
@@ -133,16 +112,8 @@ def fast_region(scene: TargetScene, store: Store, *, quick: bool = False) -> Reg
 
 
 def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
-    """Check the text that names a zone of targets.
-
-    Args:
-        name: `fast` (where the tips of random strikes are fast), or the radius [m] of a disc, such as `0.3`.
-        centre: Centre of the disc [m].
-        reach: Largest distance from the shoulder that the tip reaches [m].
-
-    Raises:
-        InputError: The name is neither `fast` nor a radius, no point of the disc is within reach, or the disc contains
-            all points within reach.
+    """Check the text that names a zone of targets: `fast` (where the tips of random strikes are fast), or a radius [m],
+    such as `0.3`, of a disc that contains some, but not all points within the tip's reach from the shoulder [m].
     """
     if name == FAST:
         return
@@ -188,14 +159,10 @@ class DifficultyUnit(Unit):
 
     The best random strikes are varied by shrinking steps, keeping those that hit most targets; this gives a lower bound
     of the fraction that one strike can hit.
-
-    Args:
-        scene: Model, targets and hit radius (the first of its radii).
-        strikes: Number of random strikes.
     """
 
-    scene: TargetScene
-    strikes: int = 10_000
+    scene: TargetScene  # its first hit radius counts
+    strikes: int = 10_000  # number of random strikes
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Simulate each random strike at its target and the best strike at all targets; return the fractions hit."""
@@ -247,12 +214,8 @@ def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: TargetScen
 
 
 def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Return the tip's velocities at the points nearest to targets, (B, d) [m/s].
-
-    Args:
-        path: Path of the tip sampled at `RATE`, (S, d) [m]; NaN after the strike's end.
-        samples: Index of the sample nearest to each target, (B,).
-        targets: Positions of the targets, (B, d) [m].
+    """Return the tip's velocities at the points nearest to targets, (B, d) [m/s]: `samples` are the nearest indices,
+    (B,), of a path sampled at `RATE`, (S, d) [m], NaN after the strike's end.
     """
     path = path[np.isfinite(path).all(axis=1)]
     if len(path) < 2:  # diverged at once

@@ -52,21 +52,12 @@ def work_on(
     cluster: str | None = None,
     on_death: OnDeath = lambda names: None,
 ) -> Worked[R]:
-    """Run units in any order, and yield each result as soon as it is complete.
+    """Run units, which are sent to the workers, in any order, and yield each name and result as soon as it is complete.
 
-    Args:
-        units: Units by name; they and `work` are sent to the workers.
-        work: Function that processes a unit.
-        workers: Processes on this machine; 1: this process itself.
-        cluster: Address of a Ray cluster, or `auto` for the one that this machine belongs to; None: this machine.
-        on_death: Called when a worker dies, with the names of the units that may have been the cause; they are retried.
-
-    Yields:
-        A unit's name and the result of `work`.
-
-    Raises:
-        InputError: The cluster does not exist, Ray is missing, or the number of workers is not positive.
-        UnitFailed: A unit raised an error; or, when all others are done, a unit was given up after its last retry.
+    They run in `workers` processes on this machine (1: this process itself), or on the Ray cluster with an address
+    (`auto`: the one this machine belongs to). When a worker dies, `on_death` gets the names of the units that may have
+    been the cause; they are retried. UnitFailed is raised for a unit that raised an error or, when all others are done,
+    that was given up after its last retry.
     """
     if workers < 1:
         raise InputError("workers", workers, "a whole number >= 1")
@@ -209,14 +200,8 @@ class Unit(ABC):
 
     @abstractmethod
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Run the unit.
-
-        Args:
-            folder: Folder for checkpoints; None, or a folder that does not exist (on another machine): none are kept.
-            threads: Threads of the simulator; the result does not depend on it.
-
-        Returns:
-            The result as plain data for JSON.
+        """Run the unit and return plain data for JSON; checkpoints are kept if their folder is given and exists (on
+        another machine it does not). The result does not depend on the simulator's threads.
         """
 
     def check(self, result: Mapping[str, Any]) -> None:  # noqa: B027  # of some units what is stored is only shown
@@ -237,9 +222,6 @@ def plain_of(value: Any) -> Any:
     """Return a value as plain data, from which its hash is computed: every object with its class and all its fields.
 
     Dataclass fields with `compare=False` are left out.
-
-    Raises:
-        TypeError: A part of the value cannot be converted.
     """
     if value is None or isinstance(value, str | bool | int | float):
         return value
@@ -264,15 +246,10 @@ def plain_of(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Work:
-    """Function that runs a unit, in this process or in a worker.
+    """Function that runs a unit, in this process or in a worker."""
 
-    Args:
-        checkpoints: Folder of checkpoints.
-        threads: Threads of the simulator; None: its default.
-    """
-
-    checkpoints: Path
-    threads: int | None
+    checkpoints: Path  # folder of checkpoints
+    threads: int | None  # of the simulator; None: its default
 
     def __call__(self, unit: Unit) -> dict[str, Any]:
         """Run a unit and return its result."""
@@ -280,11 +257,8 @@ class Work:
 
 
 class Store:
-    """The results of units in a run folder.
-
-    Args:
-        folder: An existing folder; `units/` and `checkpoints/` are made in it.
-        workers, cluster: See `whiptool.comparison.units.work_on`.
+    """The results of units in a run folder, in `units/`, and their checkpoints; for `workers` and `cluster` see
+    `work_on`.
     """
 
     def __init__(self, folder: Path, *, workers: int = 1, cluster: str | None = None) -> None:
@@ -299,12 +273,7 @@ class Store:
             )
 
     def results(self, units: Sequence[Unit], *, desc: str = "") -> dict[str, dict[str, Any]]:
-        """Return the units' results by key; units without a stored result are run, with a progress bar.
-
-        Raises:
-            UnitFailed: A unit failed; results of the others are kept.
-            InputError: A stored result is damaged.
-        """
+        """Return the units' results by key; units without a stored result are run, with a progress bar."""
         from whiptool.progress import Progress
 
         by_key = {unit.key: unit for unit in units}

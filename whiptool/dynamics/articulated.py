@@ -21,21 +21,14 @@ Axis = tuple[float, float, float]
 
 
 class Link(NamedTuple):
-    """A link of a whip along -z of its frame, with the same inertia about all axes.
+    """A link of a whip along -z of its frame, with the same inertia about all axes."""
 
-    Args:
-        length, mass: Length [m] and mass [kg].
-        com: Distance of the centre of mass from the link's joint [m].
-        inertia: Moment of inertia about the centre of mass [kg m^2].
-        drag, drag_ratio: Air drag at the far end, see `WhipParameters`.
-    """
-
-    length: ca.SX
-    mass: ca.SX
-    com: ca.SX
-    inertia: ca.SX
-    drag: ca.SX
-    drag_ratio: ca.SX
+    length: ca.SX  # [m]
+    mass: ca.SX  # [kg]
+    com: ca.SX  # distance of the centre of mass from the link's joint [m]
+    inertia: ca.SX  # moment of inertia about the centre of mass [kg m^2]
+    drag: ca.SX  # air drag at the far end, see `WhipParameters`
+    drag_ratio: ca.SX  # see `WhipParameters`
 
     @property
     def is_point_mass(self) -> bool:
@@ -106,18 +99,12 @@ def turn(axis: Axis, angle: ca.SX) -> ca.SX:
 
 
 class SpatialFrame(NamedTuple):
-    """Frame in which a link begins; vectors are (3, 1), in the world's axes.
+    """Frame in which a link begins; vectors are (3, 1), in the world's axes."""
 
-    Args:
-        turned: Orientation.
-        speed: Angular velocity [rad/s].
-        velocity, place: Velocity [m/s] and position [m] of the origin.
-    """
-
-    turned: Turned
-    speed: ca.SX
-    velocity: ca.SX
-    place: ca.SX
+    turned: Turned  # orientation
+    speed: ca.SX  # angular velocity [rad/s]
+    velocity: ca.SX  # velocity of the origin [m/s]
+    place: ca.SX  # position of the origin [m]
 
     ANGLE = 9  # where it is among the entries
     VELOCITY = 13  # where it begins
@@ -141,25 +128,16 @@ class SpatialFrame(NamedTuple):
 
 
 class SpatialMoving(NamedTuple):
-    """Motion of a link on K hinges; vectors are (3, 1), in the world's axes.
+    """Motion of a link on K hinges; vectors are (3, 1), in the world's axes."""
 
-    Args:
-        r, com: Vectors from the link's joint to its far end and to its centre of mass [m].
-        centripetal, com_centripetal: Centripetal accelerations of these two points [m/s^2].
-        com_twist: Moment of `com_centripetal` about the joint, per mass [m^2/s^2].
-        turning: Angular acceleration at constant speeds of the hinges [rad/s^2].
-        drag: Air drag on the far end [N].
-        axes: Axes of the hinges, (3, K).
-    """
-
-    r: ca.SX
-    centripetal: ca.SX
-    com: ca.SX
-    com_centripetal: ca.SX
-    com_twist: ca.SX
-    turning: ca.SX
-    drag: ca.SX
-    axes: ca.SX
+    r: ca.SX  # vector from the link's joint to its far end [m]
+    centripetal: ca.SX  # centripetal acceleration of the far end [m/s^2]
+    com: ca.SX  # vector from the link's joint to its centre of mass [m]
+    com_centripetal: ca.SX  # centripetal acceleration of the centre of mass [m/s^2]
+    com_twist: ca.SX  # moment of `com_centripetal` about the joint, per mass [m^2/s^2]
+    turning: ca.SX  # angular acceleration at constant speeds of the hinges [rad/s^2]
+    drag: ca.SX  # air drag on the far end [N]
+    axes: ca.SX  # axes of the hinges, (3, K)
 
     def entries(self) -> list[ca.SX]:
         """Return the 21 + 3 K entries as scalars, field by field, `axes` (3, K) column by column."""
@@ -308,12 +286,8 @@ def give_way(
     carried: SpatialCarried, axes: ca.SX, torque: ca.SX, armature: ca.SX
 ) -> tuple[SpatialCarried, SpatialJoint]:
     """Return the inertia and load on the previous link through free hinges (one step of the articulated-body
-    algorithm), and the hinges' coefficients for `accelerate`.
-
-    Args:
-        carried: Inertia and load on the hinges.
-        axes: Axes of the hinges in the world's axes, (3, K).
-        torque, armature: Torque and armature of each hinge [N m], [kg m^2], (K, 1).
+    algorithm), and the hinges' coefficients for `accelerate`, from their world axes (3, K), torques [N m] and armatures
+    [kg m^2], (K, 1).
     """
     K, world = axes.shape[1], ca.horzsplit(axes)
     sides = [ca.vertcat(ca.mtimes(carried.J, s), ca.mtimes(carried.H.T, s)) for s in world]  # moment and force

@@ -77,11 +77,8 @@ def ride_on_end(
 
 
 def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
-    """Return arm and whip of a model as one chain, with numeric parameters.
-
-    Args:
-        model: Model in the plane.
-        node_inertia: Least moment of inertia of a node [kg m^2], for engines that need a positive one.
+    """Return arm and whip of a model in the plane as one chain with numeric parameters; nodes have at least the inertia
+    `node_inertia` [kg m^2], for engines that need a positive one.
     """
     arm, whip = model.arm, model.whip
     zeros, l = np.zeros(arm.n), whip.per_node("l")
@@ -115,14 +112,9 @@ def passive_torque(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def forward_dynamics(chain: Chain, q: ca.SX, v: ca.SX, torque: ca.SX, *, armature: ca.SX | None = None) -> ca.SX:
-    """Return joint accelerations [rad/s^2], shape (n, 1), by the articulated-body algorithm.
-
-    Args:
-        chain: Parameters.
-        q, v: Joint positions [rad] and velocities [rad/s], (n, 1).
-        torque: All joint torques, including passive torques [N m], (n, 1).
-        armature: Added to the diagonal of the mass matrix [kg m^2], (n, 1); the integrator adds its implicit damping
-            here.
+    """Return joint accelerations [rad/s^2], (n, 1), by the articulated-body algorithm, for all joint torques [N m],
+    including passive ones. `armature` [kg m^2], (n, 1), is added to the diagonal of the mass matrix; the integrator
+    adds its implicit damping here.
     """
     n, links = chain.n, chain.links
     qs, vs, tau = (ca.vertsplit(ca.SX(x)) for x in (q, v, torque))

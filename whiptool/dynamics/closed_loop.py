@@ -25,9 +25,7 @@ _FLAT = 1e-15  # keeps what is left of half a turn finite
 
 
 def turned_by(vector: ca.SX, share: ca.SX) -> ca.SX:
-    """Return the rotation matrix (3, 3) by `share` times a rotation vector (3, 1) [rad], smooth also at zero
-    (Rodrigues).
-    """
+    """Return the rotation matrix by `share` times a rotation vector (3, 1) [rad], smooth also at zero (Rodrigues)."""
     angle = ca.sqrt(ca.sumsqr(vector) + _NONE**2)
     K = ca.skew(vector)
     first, half = ca.sin(share * angle) / angle, ca.sin(share * angle / 2) / angle
@@ -64,17 +62,11 @@ _TURNS = {2: [[0, -1, 0]], 3: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}  # of the orien
 
 
 class HandNow(NamedTuple):
-    """Current motion of the hand.
+    """Current motion of the hand."""
 
-    Args:
-        place: Position (3, 1) [m].
-        turned: Rotation matrix, column by column (9, 1); empty if the control law does not need it.
-        jacobian: Angular and linear velocity of the hand per unit of the joints' speeds, angular first, (6, a).
-    """
-
-    place: ca.SX
-    turned: ca.SX
-    jacobian: ca.SX
+    place: ca.SX  # position [m], (3, 1)
+    turned: ca.SX  # rotation matrix, column by column (9, 1); empty if the control law does not need it
+    jacobian: ca.SX  # angular and linear velocity of the hand per unit of the joints' speeds, angular first, (6, a)
 
 
 class ClosedLoop(System):
@@ -219,12 +211,8 @@ class ClosedLoop(System):
         return q, 2 * once * speed, 8 * half_twice * speed**2 + 2 * once * growth
 
     def torque(self, t: ca.SX, q: ca.SX, v: ca.SX, weight: ca.SX, hand: HandNow | None = None) -> ca.SX:
-        """The controller's torques (n_arm, 1) for the arm's `q` and `v` (n_arm, 1); Eq. 2.
-
-        Args:
-            t, q, v: Time [s] and state of the arm.
-            weight: Torques that hold the arm's weight there (n_arm, 1); Eq. 3.
-            hand: Motion of the hand, for a control law in the hand's coordinates.
+        """The controller's torques (n_arm, 1) at time t [s] and the arm's q and v (Eq. 2); `weight` are those that hold
+        the arm's weight there (n_arm, 1) (Eq. 3), and `hand` is for a control law in the hand's coordinates.
         """
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
         expression, P = LAWS[self.structure.law].expression, self.parameters
@@ -279,9 +267,8 @@ class ClosedLoop(System):
     # What drives the whip
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
-        """Return the frame in which the whip begins, the far ends of the arm's links, and the arm's motion.
-
-        The arguments are those of `System.hand`; the drive is the arm.
+        """Return the frame in which the whip begins, the far ends of the arm's links, and the arm's motion, from the
+        arguments of `System.hand`; the drive is the arm.
         """
         arm, posture, gravity = self.arm, self.arm.posture(q), self.parameters["gravity"]
         share = ca.SX(1) if share is None else share

@@ -18,28 +18,21 @@ from whiptool.dynamics.rods import torque_of
 
 
 class Reached(NamedTuple):
-    """Frame in which a link begins; its angular [rad/s^2], its origin's linear acceleration [m/s^2], (3, 1) each.
-
-    Gravity is included as an acceleration of the base.
-    """
+    """Frame in which a link begins, and its accelerations, with gravity included as an acceleration of the base."""
 
     frame: Any
-    angular: ca.SX
-    linear: ca.SX
+    angular: ca.SX  # angular acceleration of the frame [rad/s^2], (3, 1)
+    linear: ca.SX  # linear acceleration of its origin [m/s^2], (3, 1)
 
 
 class Pull(NamedTuple):
-    """Contribution of a link to its joint: lever `r` (3, 1) [m] from the joint to its end, and hinge axes (3, K).
+    """Contribution of a link to its joint."""
 
-    It also has the joint's passive torques `passive` (as `System.move_link` returns them), the force on its mass (3, 1)
-    [N] and the moment on its inertia (3, 1) [N m].
-    """
-
-    r: ca.SX
-    axes: ca.SX
-    passive: ca.SX
-    force: ca.SX
-    moment: ca.SX
+    r: ca.SX  # lever from the joint to the link's end [m], (3, 1)
+    axes: ca.SX  # axes of the joint's hinges, (3, K)
+    passive: ca.SX  # passive torques of the joint, as `System.move_link` returns them
+    force: ca.SX  # force on the link's mass [N], (3, 1)
+    moment: ca.SX  # moment on the link's inertia [N m], (3, 1)
 
 
 class Felt(NamedTuple):
@@ -51,11 +44,8 @@ class Felt(NamedTuple):
 
 
 def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
-    """Return the frame in which the whip begins and its acceleration.
-
-    Args:
-        loop: Loop of a structure in space.
-        q, v, qdd: Positions [rad or m], speeds [per s] and accelerations [per s^2] of the arm's joints, (a, 1) each.
+    """Return the frame in which the whip begins and its acceleration, for positions q [rad or m], speeds v [per s] and
+    accelerations qdd [per s^2] of the arm's joints, (a, 1) each.
     """
     a = loop.n_drive
     motion = loop.arm.motion(q, v, loop.parameters["gravity"], [])
@@ -64,13 +54,8 @@ def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
 
 
 def outward(loop: ClosedLoop, at: Reached, q: ca.SX, v: ca.SX, qdd: ca.SX, w: ca.SX) -> tuple[Reached, Pull]:
-    """Return the frame at the far end of a link, with its accelerations, and what the link adds to its joint's load.
-
-    Args:
-        loop: Loop of a structure in space.
-        at: Frame in which the link begins.
-        q, v, qdd: The link's coordinates, their speeds and their accelerations, (K, 1).
-        w: Parameters of the link, see `System.link`.
+    """Return the frame at the far end of a link, with its accelerations, and what the link adds to its joint's load,
+    for its coordinates q, their speeds v and accelerations qdd, (K, 1), and its parameters w, see `System.link`.
     """
     link = loop.link(w)[0]
     frame, moving, passive, _ = loop.move_link(at.frame, q, v, w, ca.SX(0), None)
@@ -149,16 +134,10 @@ def slopes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the derivatives of all torques by accelerations, speeds and positions, (n, n) each, for a model in space.
 
-    Each of the N links has two coordinates, and two torques that do work on the rotations by these coordinates.
-
-    Args:
-        loop: Loop of a structure in space.
-        p: Parameters of the loop, (P,).
-        start, rate: Positions of the arm's a joints and coordinates of the links, and their rates, (a + 2 N,);
-            accelerations are zero.
-        near: Function of a link's coordinates, their first and second derivatives (2, 1) and its constants (F, 1);
-            returns the link's joint coordinates and their derivatives (K, 1), and the Jacobian of its rotation (K, 2).
-        fixed: Constants of each link, (N, F).
+    Each of the N links has two coordinates, and two torques that do work on the rotations by these coordinates; the
+    `start` and `rate` of these follow those of the arm's a joints, (a + 2 N,). Accelerations are zero. From a link's
+    coordinates, their first and second derivatives (2, 1) and its constants, a row of `fixed` (N, F), `near` returns
+    the link's joint coordinates and their derivatives (K, 1), and the Jacobian of its rotation (K, 2).
     """
     a, N = loop.n_drive, loop.n_links
     states = (start, rate, np.zeros_like(start))

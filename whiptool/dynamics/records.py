@@ -36,12 +36,8 @@ class Nothing:
 
 
 class Stored(Generic[R]):
-    """The entries of a record that the compiled code stores as variables; the others are constants in the code.
-
-    Attributes:
-        symbols: Symbols of the variables, (size, 1).
-        record: The record of these symbols and the constants.
-        where: Index in `symbols` of each entry of the record; None for a constant.
+    """The entries of a record that the compiled code stores as variables, with their `symbols` (size, 1); the others
+    are constants in the code. `record` has both, and `where` is each entry's index in `symbols`, None for a constant.
     """
 
     def __init__(self, record: R, where: Sequence[int | None], name: str) -> None:
@@ -78,14 +74,9 @@ class Stored(Generic[R]):
 
     @classmethod
     def along(cls, start: R, name: str, follow: Callable[[R], R], *, always: Sequence[int] = ()) -> Stored[R]:
-        """Return the storage of the entries that vary from link to link of a chain, or are not constants; it leaves out
-        those that are the same constant in the records of all links.
-
-        Args:
-            start: Record of the first link.
-            name: Name of the symbols.
-            follow: Function that returns the next link's record for a given record.
-            always: Indices of entries that are stored in any case.
+        """Return the storage of the entries that vary from link to link of a chain, are not constants, or are among
+        `always`, by the first link's record `start` and the function `follow` from a record to the next link's. It
+        leaves out those that are the same constant in the records of all links.
         """
         free = {i for i, x in enumerate(start.entries()) if not x.is_constant()} | set(always)
         while True:
@@ -97,13 +88,8 @@ class Stored(Generic[R]):
             free |= differs
 
     def needed(self, start: R, name: str, uses: Callable[[R], ca.SX], follow: Callable[[R], R]) -> Stored[R]:
-        """Return the storage without variables that no result depends on.
-
-        Args:
-            start: The first record.
-            name: Name of the symbols.
-            uses: Function that returns the expressions that are needed from a record.
-            follow: Function that returns the record after a given record.
+        """Return the storage without variables that no result depends on; results are what `uses` takes of each record,
+        from the first, `start`, to those that `follow` returns for the record before.
         """
         wanted, after = uses(self.record), self.column(follow(self.record))
         live: set[int] = set()

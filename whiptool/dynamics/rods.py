@@ -50,26 +50,18 @@ FOLD = 0.2  # 1 + cosine of a bend near which a joint begins to let twist slip: 
 class RodFrame(NamedTuple):
     """Frame in which a rod begins, at the end of the previous rod or at the hand; vectors are (3, 1).
 
-    Args:
-        direction, speed: Unit vector along the previous rod, and its angular velocity [rad/s] for a first rod that
-            spins as the hand does.
-        before: In the second stage of a step, the angular acceleration that the previous rod had in the first stage,
-            without its spin [rad/s^2].
-        sums: Sums of b d . e [N m] and b e . e [N m s] over the joints from the hand to here, (2, 1): b is the damping,
-            d the rotation rate of a joint, and e the change of d per unit of the first rod's spin.
-        spun: Spin of the previous rod per unit of the first rod's spin, (1, 1).
-        twists: 1 if the previous body transmits twist (a rod), 0 if not (the hand), (1, 1).
-        velocity, place: Velocity [m/s] and position [m] of the previous rod's end.
+    `sums` (2, 1) are those of b d . e [N m] and b e . e [N m s] over the joints from the hand to here: b is the
+    damping, d the rotation rate of a joint, and e the change of d per unit of the first rod's spin.
     """
 
-    direction: ca.SX
-    speed: ca.SX
-    before: ca.SX
+    direction: ca.SX  # unit vector along the previous rod
+    speed: ca.SX  # its angular velocity [rad/s] for a first rod that spins as the hand does
+    before: ca.SX  # in a step's second stage, its angular acceleration in the first, without its spin [rad/s^2]
     sums: ca.SX
-    spun: ca.SX
-    twists: ca.SX
-    velocity: ca.SX
-    place: ca.SX
+    spun: ca.SX  # spin of the previous rod per unit of the first rod's spin, (1, 1)
+    twists: ca.SX  # 1 if the previous body transmits twist (a rod), 0 if not (the hand), (1, 1)
+    velocity: ca.SX  # velocity of the previous rod's end [m/s]
+    place: ca.SX  # position of the previous rod's end [m]
 
     VELOCITY = 13  # where it begins among the entries
     PLACE = 16
@@ -111,9 +103,7 @@ class RodJoint(NamedTuple):
     with_last: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return the 18 entries as scalars: `free`, `across` column by column, and the upper triangle of
-        `with_last`.
-        """
+        """Return 18 scalars: `free`, `across` column by column, and the upper triangle of `with_last`."""
         return [*scalars(self.free), *scalars(self.across), *upper(self.with_last)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodJoint:
@@ -143,20 +133,13 @@ def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | 
 
 
 def half_square(u: Any) -> tuple[Any, Any]:
-    """Return half the square of a bending angle, `w(u)` with `u = 1 - cos(angle)`, and dw/du; u is an expression or an
-    array.
-    """
+    """Return half the square of a bending angle, `w(u)` with `u = 1 - cos(angle)`, and dw/du."""
     return u * (1 + u * (1 / 6 + 2 / 45 * u)), 1 + u * (1 / 3 + 2 / 15 * u)
 
 
 def bend(joint: Chain, before: ca.SX, d: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the torque of a joint's spring on the rod after the joint (3, 1) [N m], and the spring's energy [J].
-
-    The rod before the joint gets the opposite torque.
-
-    Args:
-        joint: Stiffnesses of the joint.
-        before, d: Unit vectors along the rods before and after it, (3, 1).
+    """Return the torque of a joint's spring on the rod after the joint (3, 1) [N m], and the spring's energy [J]; the
+    rod before it gets the opposite torque. `before` and `d` are unit vectors along these two rods, (3, 1).
     """
     u = 1 - ca.dot(before, d)
     w, slope = half_square(u)
@@ -200,24 +183,17 @@ def torques_and_gain(
 
 
 def torque_of(torques: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return a joint's torque on its rod (3, 1) [N m], and the twist for the previous joint (2, 1).
-
-    Args:
-        torques: Torques of the joint as from `torques_and_gain`, (4, 3).
-        twist: Spin of the first rod [rad/s] and torque along this rod [N m], (2, 1).
+    """Return a joint's torque on its rod (3, 1) [N m], and the twist for the previous joint, from the torques (4, 3) of
+    `torques_and_gain` and the twist (2, 1): spin of the first rod [rad/s] and torque along this rod [N m].
     """
     found = ca.mtimes(torques, ca.vertcat(1, twist))
     return found[:3], ca.vertcat(twist[0], found[3])
 
 
 def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> tuple[SpatialCarried, RodJoint]:
-    """Return the inertia and load on the previous rod through a rod's free joint (one step of the articulated-body
-    algorithm), and the joint's coefficients for `accelerate`.
-
-    Args:
-        carried: Inertia and load on the joint.
-        d: The rod's direction (3, 1).
-        torque, gain: Torque and gain of the joint, from `torque_of` and `torques_and_gain`.
+    """Return the inertia and load on the previous rod through the free joint of a rod with direction d (3, 1) (one step
+    of the articulated-body algorithm), and the joint's coefficients for `accelerate`; its torque is from `torque_of`,
+    its gain from `torques_and_gain`.
     """
     inverse = _inverse_across(carried.J, gain, d)
     across = ca.mtimes(inverse, carried.H)
@@ -265,23 +241,16 @@ def unit(d: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX]:
 class RodDamping(NamedTuple):
     """Damping and friction at the N joints of a whip of rods.
 
-    Args:
-        torques: Torque of each joint on its rod [N m], (..., N, 3), the opposite acts on the previous rod; the sum of
-            both joints' torques on a rod has no component along it.
-        power: Power that each joint dissipates [W], (..., N).
+    The sum of both joints' torques on a rod has no component along it.
     """
 
-    torques: np.ndarray
-    power: np.ndarray
+    torques: np.ndarray  # torque of each joint on its rod, the opposite acts on the previous rod [N m], (..., N, 3)
+    power: np.ndarray  # power that each joint dissipates [W], (..., N)
 
 
 def rod_damping(whip: WhipParameters, directions: np.ndarray, turns: np.ndarray) -> RodDamping:
-    """Return damping and friction at the joints of rotating rods.
-
-    Args:
-        whip: Whip of N rods.
-        directions: Unit vectors along the hand's -z and along the rods, (..., N + 1, 3).
-        turns: Angular velocities of hand and rods [rad/s], (..., N + 1, 3); the component along a rod is ignored.
+    """Return damping and friction at the joints of N rotating rods, by unit vectors along the hand's -z and the rods
+    and the angular velocities of hand and rods [rad/s], (..., N + 1, 3) each; the component along a rod is ignored.
     """
     before, d = directions[..., :-1, :], directions[..., 1:, :]
     hand, turned = turns[..., :1, :], turns[..., 1:, :]

@@ -29,19 +29,13 @@ class Body(NamedTuple):
 
 
 class ArmPosture(NamedTuple):
-    """An arm's posture.
+    """An arm's posture."""
 
-    Args:
-        motions: Spatial velocity of each joint per unit of its speed, (6, 1), angular first.
-        turned, places: Orientation and position (3, 1) [m] of each link's frame.
-        hand, hand_turned: Position (3, 1) [m] and orientation of the hand.
-    """
-
-    motions: list[ca.SX]
-    turned: list[Turned]
-    places: list[ca.SX]
-    hand: ca.SX
-    hand_turned: Turned
+    motions: list[ca.SX]  # spatial velocity of each joint per unit of its speed, (6, 1), angular first
+    turned: list[Turned]  # orientation of each link's frame
+    places: list[ca.SX]  # position of each link's frame [m], (3, 1)
+    hand: ca.SX  # position of the hand [m], (3, 1)
+    hand_turned: Turned  # orientation of the hand
 
     @property
     def jacobian(self) -> ca.SX:
@@ -50,30 +44,18 @@ class ArmPosture(NamedTuple):
 
 
 class ArmMotion(NamedTuple):
-    """Dynamics of a moving arm with a joints under the load of a whip; gravity enters as the base's acceleration.
+    """Dynamics of a moving arm with a joints under the load of a whip; gravity enters as the base's acceleration."""
 
-    Args:
-        inertia: Joint-space mass matrix [kg m^2], (a, a).
-        bias: Torques at zero joint acceleration [N m], (a, 1).
-        jacobian: Velocity of the hand per unit of the joints' speeds, (6, a), angular first.
-        drift: Acceleration of the hand at zero joint acceleration, (6, 1), angular first.
-        weight: Torques that hold the weight of the compensated bodies, without the whip's [N m], (a, 1).
-        place, turned: For a continuous law in the hand's coordinates, position of the hand (3, 1) and, if the law
-            includes orientation, its rotation column by column (9, 1); else empty.
-    """
-
-    inertia: ca.SX
-    bias: ca.SX
-    jacobian: ca.SX
-    drift: ca.SX
-    weight: ca.SX
-    place: ca.SX = ca.SX(0, 1)
-    turned: ca.SX = ca.SX(0, 1)
+    inertia: ca.SX  # joint-space mass matrix [kg m^2], (a, a)
+    bias: ca.SX  # torques at zero joint acceleration [N m], (a, 1)
+    jacobian: ca.SX  # velocity of the hand per unit of the joints' speeds, (6, a), angular first
+    drift: ca.SX  # acceleration of the hand at zero joint acceleration, (6, 1), angular first
+    weight: ca.SX  # torques that hold the weight of the compensated bodies, without the whip's [N m], (a, 1)
+    place: ca.SX = ca.SX(0, 1)  # position of the hand (3, 1) [m] for a continuous law in its coordinates, else empty
+    turned: ca.SX = ca.SX(0, 1)  # the hand's rotation by columns (9, 1), if that law has orientation, else empty
 
     def entries(self) -> list[ca.SX]:
-        """Return the a a + 8 a + 6 entries, and those of the hand, as scalars, field by field, each matrix column by
-        column.
-        """
+        """Return all entries as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> ArmMotion:
@@ -86,17 +68,11 @@ class ArmMotion(NamedTuple):
 
 
 class LedMotion(NamedTuple):
-    """An arm with prescribed motion as the whip feels it; gravity enters as the base's acceleration.
+    """An arm with prescribed motion as the whip feels it; gravity enters as the base's acceleration."""
 
-    Args:
-        torque: Torques that the arm's own bodies need [N m], (a, 1).
-        jacobian: Velocity of the hand per unit of the joints' speeds, (6, a), angular first.
-        acceleration: Acceleration of the hand, (6, 1), angular first.
-    """
-
-    torque: ca.SX
-    jacobian: ca.SX
-    acceleration: ca.SX
+    torque: ca.SX  # torques that the arm's own bodies need [N m], (a, 1)
+    jacobian: ca.SX  # velocity of the hand per unit of the joints' speeds, (6, a), angular first
+    acceleration: ca.SX  # acceleration of the hand, (6, 1), angular first
 
     def entries(self) -> list[ca.SX]:
         """Return the 7 a + 6 entries as scalars, field by field, each matrix column by column."""
@@ -111,25 +87,16 @@ class LedMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class SerialArm:
-    """A serial arm of symbols or numbers.
+    """A serial arm of symbols or numbers."""
 
-    Args:
-        kinds, axes: Kind of each joint, `revolute` or `prismatic`, and its axis in its link's frame.
-        positions: Position of each joint in the frame of the previous link [m], (3, 1).
-        rotations: Rotation of each link's frame in that of the previous link, with its joint at 0.
-        hand_position, hand_rotation: Pose of the hand in the last link's frame.
-        armatures: Inertia of the joints' rotors (a, 1) [kg m^2; kg for a prismatic joint].
-        bodies: Bodies that its links carry.
-    """
-
-    kinds: tuple[str, ...]
-    axes: tuple[Axis, ...]
-    positions: list[ca.SX]
-    rotations: tuple[Rotation, ...]
-    hand_position: ca.SX
-    hand_rotation: Rotation
-    armatures: ca.SX
-    bodies: list[Body]
+    kinds: tuple[str, ...]  # of the joints, `revolute` or `prismatic`
+    axes: tuple[Axis, ...]  # axis of each joint in its link's frame
+    positions: list[ca.SX]  # of each joint in the frame of the previous link [m], (3, 1)
+    rotations: tuple[Rotation, ...]  # of each link's frame in that of the previous link, with its joint at 0
+    hand_position: ca.SX  # in the last link's frame [m], (3, 1)
+    hand_rotation: Rotation  # in the last link's frame
+    armatures: ca.SX  # inertia of the joints' rotors (a, 1) [kg m^2; kg for a prismatic joint]
+    bodies: list[Body]  # that its links carry
 
     @classmethod
     def of(cls, arm: SpatialArm) -> SerialArm:
@@ -174,12 +141,8 @@ class SerialArm:
         return ArmPosture(motions, all_turned, places, hand, turned.offset(self.hand_rotation))
 
     def motion(self, q: ca.SX, v: ca.SX, gravity: ca.SX | float, weights: list[Body]) -> ArmMotion:
-        """Return the inertia, torques and motion of the hand that couple the arm to the whip, see `ArmMotion`.
-
-        Args:
-            q, v: Joint positions [rad or m] and speeds [rad/s or m/s], (a, 1).
-            gravity: Gravity [m/s^2].
-            weights: Bodies whose weight the gravity compensation holds.
+        """Return what couples the arm to the whip at joint positions q [rad or m] and speeds v [per s], (a, 1), under
+        gravity [m/s^2]; `weights` are the bodies whose weight the gravity compensation holds.
         """
         at = self.posture(q)
         world = [_World.of(body, at) for body in self.bodies]

@@ -23,11 +23,7 @@ from whiptool.models.whip import KINDS
 
 
 class Columns(dict[str, slice]):
-    """Positions of named blocks in the columns of an array, as slices by name.
-
-    Args:
-        sizes: Number of columns of each block, in order.
-    """
+    """Positions of named blocks in the columns of an array, as slices by name, from the blocks' sizes in order."""
 
     def __init__(self, sizes: Mapping[str, int]) -> None:
         ends = np.cumsum(list(sizes.values()))
@@ -82,18 +78,13 @@ Matrix = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class ArmShape:
-    """The properties of an arm in space that decide which terms the generated code has.
+    """Properties of an arm in space that decide which terms the generated code has; all but `present` are constants."""
 
-    Args:
-        kinds, axes, rotations, hand_rotation: As in the arm's links; they are constants in the generated code.
-        present: For each quantity, the columns of its block that are not zero.
-    """
-
-    kinds: tuple[str, ...]
-    axes: tuple[tuple[float, float, float], ...]
-    rotations: tuple[Matrix, ...]
-    hand_rotation: Matrix
-    present: tuple[tuple[str, tuple[int, ...]], ...]
+    kinds: tuple[str, ...]  # of the joints, `revolute` or `prismatic`
+    axes: tuple[tuple[float, float, float], ...]  # of the joints in their links' frames
+    rotations: tuple[Matrix, ...]  # of the links' frames in those of the previous links
+    hand_rotation: Matrix  # in the last link's frame
+    present: tuple[tuple[str, tuple[int, ...]], ...]  # columns of each quantity's block that are not zero
 
     @classmethod
     def of(cls, model: Model, free: Sequence[str]) -> ArmShape:
@@ -129,46 +120,29 @@ def arm_column(name: str) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class Structure:
-    """The properties of a model and controller that decide which terms the generated code has; all other properties are
+    """The properties of a model and controller that decide which terms the generated code has; all others are
     parameters.
-
-    Args:
-        n_arm, n_whip: Number of joints of the arm and of nodes of the whip.
-        law, gains: Kind of the control law, and name and length of each of its parameters.
-        optional: Names of the whip's optional quantities that have terms, such as `drag`.
-        feedforward: Whether the controller has a feedforward.
-        limits: Number of torque limits: 0, 1 for all joints, or one for each.
-        held: Whether the torque is held for a control period.
-        compensated: Whether gravity compensation uses masses other than the model's.
-        joints: Kind of the whip's joints.
-        arm: Properties of an arm in space; None: planar.
-        explicit: Whether steps are those of the classical Runge-Kutta method.
-        hand: Number of coordinates of the hand that the law controls; 0: it controls the joints.
-        submovements: Number of minimum-jerk movements of the joints that are added to a strike, see
-            `ClosedLoop.reference`; only where the law controls the joints.
     """
 
-    n_arm: int
-    n_whip: int
-    law: str
-    gains: tuple[tuple[str, int], ...]
-    optional: tuple[str, ...] = ()  # of PER_NODE, drag_ratio, hinge_mass
-    feedforward: bool = False
-    limits: int = 0
-    held: bool = False
-    compensated: bool = False
-    joints: str = "hinge"
-    arm: ArmShape | None = None
-    explicit: bool = False
-    hand: int = 0
-    submovements: int = 0
+    n_arm: int  # number of joints of the arm
+    n_whip: int  # number of nodes of the whip
+    law: str  # kind of the control law
+    gains: tuple[tuple[str, int], ...]  # name and length of each parameter of the control law
+    optional: tuple[str, ...] = ()  # the whip's quantities with terms, of PER_NODE, drag_ratio, hinge_mass
+    feedforward: bool = False  # whether the controller has a feedforward
+    limits: int = 0  # number of torque limits: 0, 1 for all joints, or one for each
+    held: bool = False  # whether the torque is held for a control period
+    compensated: bool = False  # whether gravity compensation uses masses other than the model's
+    joints: str = "hinge"  # kind of the whip's joints
+    arm: ArmShape | None = None  # properties of an arm in space; None: planar
+    explicit: bool = False  # whether steps are those of the classical Runge-Kutta method
+    hand: int = 0  # number of coordinates of the hand that the law controls; 0: it controls the joints
+    submovements: int = 0  # minimum-jerk movements added to a strike, see `ClosedLoop.reference`; laws of joints only
 
     @classmethod
     def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False) -> Structure:
         """Return the smallest structure for this model and controller, including the terms of the parameters named in
-        `free`.
-
-        With `explicit`, steps are made by the classical Runge-Kutta method.
+        `free`; with `explicit`, steps are made by the classical Runge-Kutta method.
         """
         named = {re.sub(r"^whip\.|\[\d+\]$", "", name) for name in free}
         named |= {"dry_friction"} if "friction_velocity" in named else set()
@@ -263,15 +237,8 @@ class Structure:
         return Columns(self.layout)[block]
 
     def pack(self, model: Model, controller: Controller, strikes: np.ndarray) -> np.ndarray:
-        """Return the parameter vectors of B strikes of one model and controller.
-
-        Args:
-            model, controller: Model and controller of this structure.
-            strikes: Parameters of the strikes in the order of `strike_layout`; in joint space strike vectors, (B, 2
-                n_arm + 1).
-
-        Returns:
-            Parameter vectors, (B, n_parameters).
+        """Return the parameter vectors (B, n_parameters) of B strikes of one model and controller, from the strikes'
+        parameters in the order of `strike_layout`; in joint space strike vectors, (B, 2 n_arm + 1).
         """
         values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
         values |= {f"arm.{name}": numbers for name, numbers in model.arm.numbers().items()}
@@ -296,12 +263,8 @@ LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a prof
 
 
 def profile_slopes(profile: WhipProfile, N: int, clamped: bool = False) -> dict[str, dict[str, np.ndarray]]:
-    """Return the derivatives of a whip's node parameters by each parameter of its profile.
-
-    The result is nested by both names: `["profile.length"]["whip.l"]` is (N,), for `whip.hinge_mass` (1,).
-
-    Args:
-        profile, N, clamped: Profile, number of nodes and option as in `WhipProfile.lump`.
+    """Return the derivatives of a whip's node parameters by each parameter of its profile, see `WhipProfile.lump`,
+    nested by both names: `["profile.length"]["whip.l"]` is (N,), for `whip.hinge_mass` (1,).
     """
     jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([*profile.numbers.values()]))]
     return {
@@ -333,15 +296,8 @@ def parameter_directions(
     """Return the derivatives of the parameter vector by m named parameters, (m, P).
 
     The parameter vector is linear in all of them except those of a profile. For a whip with values per node, `whip.k`
-    is their mean, and its change scales all values; see `Model.with_parameters`.
-
-    Args:
-        structure, model, controller: Structure, model and controller of the simulator.
-        names: Names of the m parameters.
-        of_strike: Column of each coordinate of a strike; -1: it has no common column, as it differs between strikes.
-
-    Raises:
-        InputError: A name is unknown, or its term is not part of the structure.
+    is their mean, and its change scales all values; see `Model.with_parameters`. `of_strike` is the column of each
+    coordinate of a strike, -1 without a common one, as it differs between strikes.
     """
     of_model = model.parameters() | {f"whip.{name}": model.whip.common(name) for name in model.whip.uneven}
     of_controller, rows = controller.parameters(), np.zeros((len(names), structure.n_parameters))

@@ -29,38 +29,26 @@ _OPTIONAL = (
 
 @dataclass(frozen=True)
 class Base:
-    """Prescribed motion of the point from which joint 1 hangs, and of the frame from which its angle is measured.
+    """Prescribed motion of the point from which joint 1 hangs, and of the frame from which its angle is measured."""
 
-    `angle` [rad], `omega` [rad/s] and `alpha` [rad/s^2] are the frame's; (vx, vy) [m/s] and (ax, ay) [m/s^2] are the
-    point's velocity and acceleration.
-    """
-
-    angle: Scalar = 0.0
-    omega: Scalar = 0.0
-    alpha: Scalar = 0.0
-    vx: Scalar = 0.0
-    vy: Scalar = 0.0
-    ax: Scalar = 0.0
-    ay: Scalar = 0.0
+    angle: Scalar = 0.0  # angle of the frame [rad]
+    omega: Scalar = 0.0  # angular velocity of the frame [rad/s]
+    alpha: Scalar = 0.0  # angular acceleration of the frame [rad/s^2]
+    vx: Scalar = 0.0  # x of the point's velocity [m/s]
+    vy: Scalar = 0.0  # y of the point's velocity [m/s]
+    ax: Scalar = 0.0  # x of the point's acceleration [m/s^2]
+    ay: Scalar = 0.0  # y of the point's acceleration [m/s^2]
 
 
 @dataclass(frozen=True)
 class SwingStructure:
-    """The properties of a swinging chain that decide which terms the generated code has.
+    """The properties of a swinging chain that decide which terms the generated code has."""
 
-    Args:
-        n: Number of links.
-        moving: Whether the base moves; its motion is then the input.
-        point_masses: Whether every link is a point mass at its far end: com equals the length, and the inertia is zero.
-        optional: Names of the optional quantities that are present.
-        joints: Joints of the links: a `hinge` in the plane; in space `universal` or `rod`.
-    """
-
-    n: int
-    moving: bool
-    point_masses: bool
-    optional: tuple[str, ...] = ()
-    joints: str = "hinge"
+    n: int  # number of links
+    moving: bool  # whether the base moves; its motion is then the input
+    point_masses: bool  # whether all links are point masses at their far ends: com equals length, no inertia
+    optional: tuple[str, ...] = ()  # names of the optional quantities that are present
+    joints: str = "hinge"  # a `hinge` in the plane; in space `universal` or `rod`
 
     @property
     def coordinates(self) -> int:
@@ -180,18 +168,11 @@ _PLACE = 3
 
 
 class HandInputs(NamedTuple):
-    """Motion of the hand at I instants.
+    """Motion of the hand at I instants."""
 
-    Args:
-        inputs: Input vectors of `whiptool.dynamics.swing.SpatialSwing`, (I, 21).
-        place: Position of the hand [m], (I, 3).
-        by_joints: Derivatives of the 21 inputs and the 3 coordinates by positions, speeds and accelerations of the a
-            joints, (I, 24, 3, a).
-    """
-
-    inputs: np.ndarray
-    place: np.ndarray
-    by_joints: np.ndarray
+    inputs: np.ndarray  # input vectors of `SpatialSwing`, (I, 21)
+    place: np.ndarray  # position of the hand [m], (I, 3)
+    by_joints: np.ndarray  # derivatives of both by positions, speeds and accelerations of the a joints, (I, 24, 3, a)
 
 
 def hand_motion(arm: SpatialArm, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> HandInputs:

@@ -47,19 +47,12 @@ class Instant(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """Frame in which the whip begins, and the state of the drive.
+    """Frame in which the whip begins, and the state of the drive."""
 
-    Args:
-        frame: Frame at the hand.
-        ends: Far ends of the drive's links [m], (a, 3).
-        angles: In the plane, absolute angles of the drive's links [rad], (a, 1).
-        motion: Quantities that `System.react` needs of the drive.
-    """
-
-    frame: LinkFrame
-    ends: ca.SX
-    angles: ca.SX
-    motion: Record
+    frame: LinkFrame  # frame at the hand
+    ends: ca.SX  # far ends of the drive's links [m], (a, 3)
+    angles: ca.SX  # in the plane, absolute angles of the drive's links [rad], (a, 1)
+    motion: Record  # quantities that `System.react` needs of the drive
 
 
 class Reaction(NamedTuple):
@@ -84,18 +77,7 @@ class _Columns(NamedTuple):
 class System(ABC):
     """A whip, a chain of links, on a drive (arm or moving base); the drive's joints are the first coordinates.
 
-    Attributes:
-        n_drive, n_links: Number of joints of the drive, and of links of the whip.
-        n_inputs: Size of the input: a held torque, or the motion of a base.
-        held: Whether the input is a torque that `control` computes and that is held for a control period.
-        prescribed: Whether the drive's joints follow `lead` exactly; the input is their accelerations, also from
-            `lead`.
-        explicit: Whether steps are those of the classical Runge-Kutta method; the drive's joints are then prescribed.
-        dimension: 2 in the plane, 3 in space.
-        hinges: Axes of each link's hinges in the frame after the preceding hinges; empty if the links are rods, whose
-            coordinates are unit vectors.
-        p: Parameters, (P, 1).
-        link_columns: Columns of the whip's quantities in p: (first, stride from link to link) by quantity.
+    The coordinates of a link that is a rod are those of a unit vector; it has no hinges.
     """
 
     LINK_QUANTITIES: ClassVar = (
@@ -103,16 +85,16 @@ class System(ABC):
         "cubic_stiffness", "drag_ratio", "friction_velocity",
     )  # fmt: skip
 
-    n_drive: int
-    n_links: int
-    n_inputs: int
-    held: bool
-    prescribed: bool = False
-    explicit: bool = False
-    dimension: int = 2
-    hinges: tuple[Axis, ...] = ((0.0, -1.0, 0.0),)
-    p: ca.SX
-    link_columns: dict[str, tuple[int, int]]
+    n_drive: int  # number of joints of the drive
+    n_links: int  # number of links of the whip
+    n_inputs: int  # size of the input: a held torque, or the motion of a base
+    held: bool  # whether the input is a torque that `control` computes and that is held for a control period
+    prescribed: bool = False  # whether the drive's joints follow `lead` exactly, whose accelerations are the input
+    explicit: bool = False  # whether steps are classical Runge-Kutta steps; the drive's joints are then prescribed
+    dimension: int = 2  # 2 in the plane, 3 in space
+    hinges: tuple[Axis, ...] = ((0.0, -1.0, 0.0),)  # axes of a link's hinges, each in the frame after those before it
+    p: ca.SX  # parameters, (P, 1)
+    link_columns: dict[str, tuple[int, int]]  # columns of the whip's quantities in p: (first, stride between links)
 
     @abstractmethod
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
@@ -124,21 +106,12 @@ class System(ABC):
 
     @abstractmethod
     def react(self, now: Instant, before: ca.SX | None, motion: Any, carried: SpatialCarried) -> Reaction:
-        """Return the motion of the drive under the load of the whip.
-
-        Args:
-            now: Time, step, the drive's state and input of this stage.
-            before: In the second stage, the accelerations of the first (a, 1); else None.
-            motion: Field `motion` of the result of `hand`.
-            carried: Quantities of the whip that the hand carries.
+        """Return the motion of the drive under the load of the whip, `carried`, with the `motion` of the result of
+        `hand`; in the second stage of a step `before` is the accelerations of the first (a, 1), else None.
         """
 
     def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return the prescribed positions, speeds and accelerations of the drive's joints, (a, 1) each, at time t [s].
-
-        Raises:
-            NotImplementedError: The drive's motion is not prescribed.
-        """
+        """Return prescribed positions, speeds and accelerations of the drive's joints, (a, 1) each, at time t [s]."""
         raise NotImplementedError
 
     @property
@@ -183,15 +156,12 @@ class System(ABC):
         self, frame: Any, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
     ) -> tuple[LinkFrame, SpatialMoving, ca.SX, ca.SX]:
         """Return, in a stage of a step, the frame at a link's end, the link's motion, its joint's torques, and the
-        inertia that the integrator adds.
+        inertia that the integrator adds, for the link's coordinates q, their speeds v, its parameters w (see `link`)
+        and the step h [s].
 
-        With K hinges the last two are (K, 1); for a rod they are (4, 3), see `rods.torques_and_gain`, and (1, 1).
-
-        Args:
-            frame: Frame in which the link begins.
-            q, v: The link's coordinates and their speeds, (K, 1), for a rod (3, 1).
-            w, h: Parameters of the link, see `link`, and the step [s].
-            before: In the second stage, the accelerations of q in the first; else None.
+        With K hinges q, v and the last two results are (K, 1); for a rod q and v are (3, 1), and these are (4, 3), see
+        `rods.torques_and_gain`, and (1, 1). In the second stage `before` is the accelerations of q in the first; else
+        None.
         """
         link, joint = self.link(w)
         h = ca.SX(0) if self.explicit else h
@@ -234,11 +204,9 @@ class System(ABC):
         """Return the inertia and load on the previous link, the coefficients of this link's joint for
         `accelerate_link`, and the twist for the previous link.
 
-        Args:
-            carried: Inertia and load on this link's far end.
-            moving, torque, armature: Motion, torques and added inertia of the link, from `move_link`.
-            w: Parameters of the link, see `link`.
-            twist: Twist that this method returned for the next link, or for the last link `twist`.
+        `carried` is what this link's far end carries; `moving`, `torque` and `armature` are from `move_link`, w are the
+        link's parameters, see `link`. `twist` is what this method returned for the next link, or for the last link
+        `twist`.
         """
         if not self.hinges:
             torque, twist = rods.torque_of(torque, twist)
@@ -283,12 +251,8 @@ class System(ABC):
     def _stage(
         self, at: Instant, q: ca.SX, v: ca.SX, before: ca.SX | None
     ) -> tuple[ca.SX, Reaction, Hand, list[LinkFrame]]:
-        """Accelerations (n, 1) of one stage, the drive's reaction, the hand, and the links' ends.
-
-        Args:
-            at: Time, step, input, and state of the drive.
-            q, v: State of the whip's joints.
-            before: Accelerations of the first stage (n, 1), in the second.
+        """Accelerations (n, 1) of one stage for the whip's q and v, the drive's reaction, the hand, and the links'
+        ends; in the second stage `before` is the accelerations of the first (n, 1).
         """
         a, N, K = self.n_drive, self.n_links, self.link_size
         numbers = [ca.vertcat(*(self.p[first + i * by] for first, by in self.link_columns.values())) for i in range(N)]
@@ -394,11 +358,7 @@ class System(ABC):
 
     @cached_property
     def control(self) -> ca.Function:
-        """Function `u(x, t, p)`: the torque to hold for a control period, (a, 1) [N m].
-
-        Raises:
-            NotImplementedError: The system has no held torque.
-        """
+        """Function `u(x, t, p)`: the torque to hold for a control period, (a, 1) [N m]."""
         raise NotImplementedError
 
     @cached_property

@@ -22,14 +22,12 @@ from whiptool.dynamics.articulated import Link, SpatialCarried, SpatialMoving, s
 
 
 class TautCarried(NamedTuple):
-    """Inertia and load on a rod's joint: a mass [kg] along a direction (3, 1), a moment [N m] and a force [N], (3, 1)
-    each.
-    """
+    """Inertia and load on a rod's joint."""
 
-    mass: ca.SX = ca.SX(0)
-    direction: ca.SX = ca.SX.zeros(3)
-    moment: ca.SX = ca.SX.zeros(3)
-    force: ca.SX = ca.SX.zeros(3)
+    mass: ca.SX = ca.SX(0)  # [kg], along `direction`
+    direction: ca.SX = ca.SX.zeros(3)  # (3, 1)
+    moment: ca.SX = ca.SX.zeros(3)  # [N m], (3, 1)
+    force: ca.SX = ca.SX.zeros(3)  # [N], (3, 1)
 
     def entries(self) -> list[ca.SX]:
         """Return the 10 entries as scalars, field by field."""
@@ -49,21 +47,16 @@ class TautCarried(NamedTuple):
 class TautJoint(NamedTuple):
     """Coefficients of a rod for `accelerate`.
 
-    Args:
-        mass, pull: The force along the rod is `mass` [kg] times its joint's acceleration along it, plus `pull` [N].
-        push: Other forces on the rod's end [N], (3, 1).
-        kappa, beyond: Direction of the next rod, `beyond` (3, 1); `kappa` is the mass that it adds along this direction
-            as a fraction of its sum with the rod's mass.
-        per_mass, per_length: Inverse of the rod's mass [1/kg] and of its length [1/m].
+    The force along the rod is `mass` [kg] times its joint's acceleration along it, plus `pull` [N].
     """
 
-    mass: ca.SX
-    pull: ca.SX
-    push: ca.SX
-    kappa: ca.SX
-    beyond: ca.SX
-    per_mass: ca.SX
-    per_length: ca.SX
+    mass: ca.SX  # [kg]
+    pull: ca.SX  # [N]
+    push: ca.SX  # other forces on the rod's end [N], (3, 1)
+    kappa: ca.SX  # mass that the next rod adds along `beyond`, as a fraction of its sum with the rod's mass
+    beyond: ca.SX  # direction of the next rod, (3, 1)
+    per_mass: ca.SX  # inverse of the rod's mass [1/kg]
+    per_length: ca.SX  # inverse of the rod's length [1/m]
 
     def entries(self) -> list[ca.SX]:
         """Return the 11 entries as scalars, field by field."""
@@ -91,13 +84,8 @@ class PointAcceleration(NamedTuple):
 
 
 def give_way(carried: TautCarried, moving: SpatialMoving, link: Link, torque: ca.SX) -> tuple[TautCarried, TautJoint]:
-    """Return the inertia and load of this rod on the previous rod, and this rod's coefficients for `accelerate`.
-
-    Args:
-        carried: Inertia and load on the rod's end.
-        moving: Motion of the rod.
-        link: Length and mass of the rod.
-        torque: Torque of its joint (3, 1) [N m].
+    """Return the inertia and load of this rod, with what its end carries, on the previous rod, and this rod's
+    coefficients for `accelerate`; its length and mass are those of `link`, its joint's torque is (3, 1) [N m].
     """
     d, after = moving.axes[:, 0], carried.direction
     per_mass, per_length = 1 / link.mass, 1 / link.length

@@ -47,12 +47,8 @@ _UNITS = {  # factor that mends it
 
 
 def check_joints(recording: StrikeRecording, arm: AnyArm) -> None:
-    """Refuse a joint log that cannot be the arm's.
-
-    Raises:
-        InputError: An angle jumps by a full turn, or the arm does not start at the strike's start posture; the message
-            names the common mistake (units, sign, order, start time) that explains it, if any.
-    """
+    """Refuse a joint log in which an angle jumps by a full turn, or which does not begin at the strike's start posture;
+    the error names the common mistake (units, sign, order, start time) that explains it, if any."""
     t, q, name = recording.joints_t, recording.joints_q, f"{recording.called}: joints"
     if t is None or q is None or q.shape[1] != arm.n:
         return
@@ -102,16 +98,8 @@ def _joints_slip(q: np.ndarray, begun: np.ndarray, q_i: np.ndarray) -> str:
 
 
 def check_beginnings(predictor: Predictor, plant: Plant) -> list[str]:
-    """Refuse recordings with a common mistake in units, axes, joints or start time, and return remarks on other unusual
-    first readings.
-
-    Args:
-        predictor: Predictor of all recordings.
-        plant: Plant with the values at which the fit starts.
-
-    Raises:
-        InputError: The first readings indicate wrong units, axes, joints or start time.
-    """
+    """Refuse recordings with a common mistake in units, axes, joints or start time, by predictions with the plant's
+    values, at which the fit starts, and return remarks on other unusual first readings."""
     if predictor.kind in ("passive", "free"):
         return []
     for recording in predictor.recordings:
@@ -142,11 +130,7 @@ class _Beginning:
         self._half = self._frame <= frames[(len(frames) - 1) // 2]
 
     def judged(self) -> list[str]:
-        """What is odd, in words.
-
-        Raises:
-            InputError: A slip explains it.
-        """
+        """What is odd, in words; an `InputError` if a slip explains it."""
         early, half, whole = (_off(self._measured, self._foreseen, x) for x in (self._early, self._half, slice(None)))
         if max(early, half, whole) <= self._limit:
             return []

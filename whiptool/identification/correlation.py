@@ -21,17 +21,11 @@ _LONGEST_GAP = 100  # frames that count where readings are missing: errors have 
 
 @dataclass(frozen=True)
 class Grid:
-    """Arrangement of a recording's K readings by channel (a coordinate of a marker) and frame; missing readings are 0.
+    """Arrangement of a recording's K readings by channel (a coordinate of a marker) and frame; missing ones are 0."""
 
-    Args:
-        channels: Labels of the recording's C channels, (C,).
-        place: Channel index and frame index of each reading, two arrays (K,).
-        frames: Number F of frames.
-    """
-
-    channels: np.ndarray
-    place: tuple[np.ndarray, np.ndarray]
-    frames: int
+    channels: np.ndarray  # labels of the recording's C channels, (C,)
+    place: tuple[np.ndarray, np.ndarray]  # channel index and frame index of each reading, two arrays (K,)
+    frames: int  # number F of frames
 
     @classmethod
     def of(cls, channel: np.ndarray, t: np.ndarray) -> Grid:
@@ -62,17 +56,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Autoregression:
-    """A stationary autoregressive series e_t = sum_j a_j e_(t-j) + w_t of unit variance.
+    """A stationary autoregressive series e_t = sum_j a_j e_(t-j) + w_t of unit variance."""
 
-    Args:
-        coefficients: Coefficients a, (p,).
-        first: Autocorrelation at lags 0 to p, (p + 1,).
-        innovation: Variance of w.
-    """
-
-    coefficients: np.ndarray
-    first: np.ndarray
-    innovation: float
+    coefficients: np.ndarray  # coefficients a, (p,)
+    first: np.ndarray  # autocorrelation at lags 0 to p, (p + 1,)
+    innovation: float  # variance of w
 
     @property
     def long_run(self) -> float:
@@ -87,12 +75,8 @@ class Autoregression:
         return np.array(known[:count])
 
     def independent(self, freedom: float, grids: Sequence[Grid]) -> float:
-        """Return the degrees of freedom (at least 1) of the variance of errors with this autocorrelation.
-
-        Args:
-            freedom: Degrees of freedom for independent errors.
-            grids: Grids of the recordings; the largest number of frames is the largest lag that counts.
-        """
+        """Return the degrees of freedom (at least 1) of the variance of errors with this autocorrelation, given those
+        for independent errors; lags count up to the largest number of frames of the grids."""
         correlations = self.correlations(max(grid.frames for grid in grids))
         return max(freedom / (2 * float(correlations @ correlations) - 1), 1.0)
 
@@ -101,13 +85,8 @@ WHITE = Autoregression(np.zeros(0), np.ones(1), 1.0)
 
 
 def autoregression(correlations: np.ndarray, most: int, readings: float) -> Autoregression:
-    """Return the autoregression of at most `most` terms that Schwarz's criterion selects (Levinson's recursion).
-
-    Args:
-        correlations: Estimated autocorrelation at lags 0 to `most` or more.
-        most: Largest number of terms.
-        readings: Number of independent readings.
-    """
+    """Return the autoregression of at most `most` terms that Schwarz's criterion selects (Levinson's recursion), from
+    the autocorrelation at lags 0 to `most` or more, estimated from that number of independent readings."""
     a, variance, known = np.zeros(0), 1.0, [1.0]
     best, lowest = WHITE, 0.0
     for p in range(1, most + 1):
@@ -124,18 +103,12 @@ def autoregression(correlations: np.ndarray, most: int, readings: float) -> Auto
 def error_correlation(
     grids: Sequence[Grid], residuals: Sequence[np.ndarray], followed: Sequence[np.ndarray], shared: int, freedom: float
 ) -> tuple[Autoregression, float]:
-    """Return the autocorrelation in time of the errors that caused the residuals, and their variance.
+    """Return the autocorrelation in time of the errors that caused the whitened residuals (K,), and their variance.
 
     Errors with negative autocorrelation are taken as independent: fitting many unknowns makes residuals alternate, and
-    the covariance of independent errors is then the larger one.
-
-    Args:
-        grids: Grid of each recording.
-        residuals: Whitened residuals of each recording, (K,).
-        followed: For each recording, columns U (K, G + L) such that the fit removes `U U' errors` from its errors.
-        shared: Number G of the first columns, which belong to unknowns that all recordings share; the other L belong
-            to unknowns of the recording alone.
-        freedom: Degrees of freedom of the residuals.
+    the covariance of independent errors is then the larger one. Columns `followed` are, for each recording, U (K, G +
+    L) such that the fit removes `U U' errors` from its errors; the first G, `shared`, belong to unknowns that all
+    recordings share.
     """
     most = int(min(_MOST_TERMS, freedom // _READINGS_A_TERM))
     lags = range(2 * most + 1)
@@ -173,15 +146,10 @@ def _expected(grids: Sequence[Grid], followed: Sequence[np.ndarray], shared: int
 def spread(
     grids: Sequence[Grid], residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray], errors: Autoregression
 ) -> np.ndarray:
-    """Return the covariance of sum_t slope_t e_t for errors e of unit variance, (G, G).
+    """Return the covariance of sum_t slope_t e_t for errors e of unit variance, (G, G); slopes (K, G) are the
+    derivatives of each recording's whitened residuals (K,) along G directions of the shared unknowns.
 
     The correlation between channels is that of their residuals, multiplied at each lag by the autocorrelation in time.
-
-    Args:
-        grids: Grid of each recording.
-        residuals: Whitened residuals of each recording, (K,).
-        slopes: Derivatives of each recording's residuals along G directions of the shared unknowns, (K, G).
-        errors: Autocorrelation of the errors in time.
     """
     names = np.unique(np.concatenate([g.channels for g in grids]))
     together = np.zeros((len(names), len(names)))

@@ -46,97 +46,63 @@ _RELEASE = 0.1  # [s] through which a released whip's marker moves along a parab
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """Options of a `Drive`, which moves the whip in one recording.
+    """Options of a `Drive`, which moves the whip in one recording. The spacing `knots` of the knots of a prescribed
+    motion's spline is by default 1.5 frames for a tracked handle, by cross-validation for joints and hand."""
 
-    Args:
-        kind: Kind of drive, a key of `DRIVES`.
-        free: Names of the plant's free parameters.
-        h: Time step [s].
-        unknown_start: Whether the initial state is unknown and fitted.
-        knots: Spacing of the knots of a prescribed motion's spline [s]; None: 1.5 frames for a tracked handle, by
-            cross-validation for joints and hand.
-    """
-
-    kind: str
-    free: Sequence[str] = ()
-    h: float = 1e-3
-    unknown_start: bool = False
-    knots: float | None = None
+    kind: str  # kind of drive, a key of `DRIVES`
+    free: Sequence[str] = ()  # names of the plant's free parameters
+    h: float = 1e-3  # time step [s]
+    unknown_start: bool = False  # whether the initial state is unknown and fitted
+    knots: float | None = None  # [s]; None: the default
 
 
 @dataclass
 class Packed:
-    """Parameters of a plant, in the form that the compiled engine takes, and their derivatives.
+    """Parameters of a plant, in the form that the compiled engine takes, and their derivatives by its m free
+    parameters.
 
-    Args:
-        p, dp: Parameters (P,), and their derivatives by the plant's m free parameters, (m, P).
-        hanging: For a prescribed motion of the base: the structure with which the equilibrium of the hanging whip is
-            computed, its parameters, and their derivatives as in `dp`.
-        turning: For a prescribed motion of the base: the derivatives of the clamp's angle by the free parameters, (m,).
-        zeros: For a pendulum: angles that its encoders read while it hangs [rad], and in the following rows their
-            derivatives by the m free parameters, (1 + m, n).
+    For a prescribed motion of the base, `hanging` is the structure with which the equilibrium of the hanging whip is
+    computed, its parameters, and their derivatives as in `dp`. For a pendulum, `zeros` (1 + m, n) are the angles that
+    its encoders read while it hangs [rad], and in the following rows their derivatives.
     """
 
-    p: np.ndarray
-    dp: np.ndarray
+    p: np.ndarray  # parameters, (P,)
+    dp: np.ndarray  # their derivatives, (m, P)
     hanging: tuple[Structure, np.ndarray, np.ndarray] | None = None
-    turning: np.ndarray | None = None
+    turning: np.ndarray | None = None  # for a prescribed motion of the base: derivatives of the clamp's angle, (m,)
     zeros: np.ndarray | None = None
 
 
 @dataclass
 class Shot:
     """One recording prepared for simulation, with derivatives by D unknowns: the plant's free parameters, then this
-    recording's own unknowns.
+    recording's own unknowns. The motion `u` of the base is described in `whiptool.dynamics.swing`."""
 
-    Args:
-        p, dp: Parameters and their derivatives, (P,), (D, P).
-        x0, dx0: Initial state (n joint angles, then n rates) and its derivatives, (2 n,), (D, 2 n).
-        u: Motion of the base at I instants, (I, 7), in space (I, 21), see `whiptool.dynamics.swing`; None: no motion of
-            a base is prescribed.
-        moving: Derivatives of u by the consecutive unknowns that change it, (unknowns, I, 7 or 21).
-        first: Index of the first of these unknowns.
-        place, dplace: Position of the base [m] and its derivatives, (I, d), (D, I, d).
-        zero, dzero: Angles that encoders read while the links hang [rad] and their derivatives, (n,), (D, n).
-    """
-
-    p: np.ndarray
-    dp: np.ndarray
-    x0: np.ndarray
-    dx0: np.ndarray
-    u: np.ndarray | None = None
-    moving: np.ndarray | None = None
-    first: int = 0
-    place: np.ndarray | None = None
-    dplace: np.ndarray | None = None
-    zero: np.ndarray | None = None
-    dzero: np.ndarray | None = None
+    p: np.ndarray  # parameters, (P,)
+    dp: np.ndarray  # their derivatives, (D, P)
+    x0: np.ndarray  # initial state: n joint angles, then n rates, (2 n,)
+    dx0: np.ndarray  # its derivatives, (D, 2 n)
+    u: np.ndarray | None = None  # motion of the base at I instants, (I, 7), in space (I, 21); None: not prescribed
+    moving: np.ndarray | None = None  # derivatives of u by consecutive unknowns that change it, (unknowns, I, 7 or 21)
+    first: int = 0  # index of the first of these unknowns
+    place: np.ndarray | None = None  # position of the base [m], (I, d)
+    dplace: np.ndarray | None = None  # its derivatives, (D, I, d)
+    zero: np.ndarray | None = None  # angles that encoders read while the links hang [rad], (n,)
+    dzero: np.ndarray | None = None  # their derivatives, (D, n)
 
 
 class Drive:
-    """Base class of drives: the motion or command that moves the whip in one recording.
+    """Base class of drives: the motion or command that moves the whip in one recording."""
 
-    Attributes:
-        structure: Structure of the simulated system.
-        start: Time at which the simulated path begins [s].
-        steps, hold: Number of time steps of the simulation, and of one period of the controller.
-        unknowns: Initial guesses of this recording's own unknowns that affect the motion, by name: `motion`,
-            `lag`, `start`.
-        ends, displacements: For a command, the time at which its reference ends [s], and the largest displacement of
-            the tip per unit of each coordinate [m].
-        period: Time for which the controller holds its torque [s]; None: the controller is continuous.
-        motion: Prescribed motion of the whip's base (`SwingDrive` only).
-    """
-
-    structure: Structure | SwingStructure
-    start: float
-    steps: int
-    hold: int = 1
-    ends: float
-    displacements: np.ndarray
-    period: float | None = None
-    unknowns: dict[str, np.ndarray]
-    motion: BaseMotion  # of drives that have unknowns besides `start`
+    structure: Structure | SwingStructure  # of the simulated system
+    start: float  # time at which the simulated path begins [s]
+    steps: int  # number of time steps of the simulation
+    hold: int = 1  # number of time steps of one period of the controller
+    ends: float  # for a command: time at which its reference ends [s]
+    displacements: np.ndarray  # for a command: largest displacement of the tip per unit of each coordinate [m]
+    period: float | None = None  # for which the controller holds its torque [s]; None: the controller is continuous
+    unknowns: dict[str, np.ndarray]  # first guesses of the recording's own unknowns: `motion`, `lag`, `start`
+    motion: BaseMotion  # prescribed for the whip's base; of drives that have unknowns besides `start`
 
     @property
     def of_start(self) -> np.ndarray:
@@ -513,11 +479,7 @@ def pieces(swing: StrikeRecording, length: float) -> list[StrikeRecording]:
 
 
 def farthest(recording: StrikeRecording) -> str:
-    """Return the name of the marker nearest to the tip.
-
-    Raises:
-        InputError: No marker is on the whip.
-    """
+    """Return the name of the marker nearest to the tip; an `InputError` if no marker is on the whip."""
     nodes = [name for name in recording.markers if name.removeprefix("node").isdigit()]
     outer = ["tip"] if "tip" in recording.markers else sorted(nodes, key=lambda name: int(name.removeprefix("node")))
     if not outer:
@@ -538,16 +500,11 @@ def _hand(recording: StrikeRecording) -> np.ndarray:
 
 
 def released(recording: StrikeRecording, plant: Plant, hand: np.ndarray) -> np.ndarray:
-    """Return an initial guess of a whip's deviation from its equilibrium at its release: the angles [rad] of its N
-    joints, then their velocities [rad/s], (2 N,).
+    """Return a first guess of how far a whip is from its equilibrium when the hand at (2,) [m] releases it: the angles
+    [rad] of its N joints, then their velocities [rad/s], (2 N,).
 
     It is computed from the direction in which the hand sees the farthest marker, and from the rate of this direction. A
     whip on a free hinge is assumed to rotate about the hinge, any other whip to bend evenly.
-
-    Args:
-        recording: Recording from the release on.
-        plant: Plant with whip and clamp.
-        hand: Position of the hand [m], (2,).
     """
     model, direction = plant.held, plant.clamp or 0.0
     n, marker = model.whip.N, farthest(recording)
@@ -610,11 +567,7 @@ DRIVES: dict[str, type[CommandDrive | SwingDrive | FreeDrive]] = {
 
 
 def make_drive(recording: StrikeRecording, plant: Plant, options: DriveOptions) -> Drive:
-    """Return the drive of a recording.
-
-    Raises:
-        InputError: The kind is not in `DRIVES`, or the recording or plant lacks data that the drive needs.
-    """
+    """Return the drive of a recording; an `InputError` if the recording or the plant lacks data that it needs."""
     kind, bare = options.kind, isinstance(plant.model, BareArm)
     if kind not in DRIVES:
         raise InputError("drive", kind, ", ".join(DRIVES))

@@ -167,11 +167,7 @@ def _found(
 def _in_strike_plane(
     plant: Plant, recordings: Sequence[StrikeRecording], held_out: Sequence[StrikeRecording]
 ) -> tuple[Sequence[StrikeRecording], Sequence[StrikeRecording]]:
-    """Return recordings in space projected on the one plane that they lie in, for a model in the plane.
-
-    Raises:
-        InputError: They lie in no such plane, as where another axis than y points up.
-    """
+    """Return recordings in space projected on the plane in which all of them have to lie, for a model in the plane."""
     if plant.model.dimension != 2:
         return recordings, held_out
     every = [*recordings, *held_out]

@@ -48,15 +48,8 @@ def sections(
     nodes: Sequence[tuple[int, float, float]] = (),
     chosen: int = 0,
 ) -> list[Section]:
-    """Return the report's sections, for `whiptool.viz.report.to_html`.
-
-    Args:
-        fit: The fit.
-        fitted, held_out: Fitted and held-out recordings, in the fit's order.
-        nodes: For each number N of nodes that was tried: N, and the RMSE of the fitted and of the held-out recordings
-            [m].
-        chosen: The chosen number of nodes.
-    """
+    """Return the report's sections, for `whiptool.viz.report.to_html`. Of each number N of nodes that was tried,
+    `nodes` has N and the RMSE of the fitted and of the held-out recordings [m]; `chosen` is the chosen N."""
     pairs = [(r, f, "fitted") for r, f in zip(fitted, fit.recordings, strict=True)]
     pairs += [(r, f, "held out") for r, f in zip(held_out, fit.held_out, strict=True)]
     with matplotlib.rc_context(STYLE):

@@ -28,38 +28,25 @@ _STARTS = ((0.0, 0.0), (-3.0, 5.0), (0.0, 5.0))  # logarithms of `share` and `be
 
 @dataclass(frozen=True)
 class Readings:
-    """A recording's K readings as a prediction sees them.
+    """A recording's K readings as a prediction sees them."""
 
-    Args:
-        block: Residuals, K of readings and then those that regularise the own unknowns, with their derivatives.
-        known: 1 for readings to which the own unknowns are fitted, 0 for those that are predicted, (K,).
-        channel, t: Channel and time [s] of each reading, (K,).
-    """
-
-    block: Block
-    known: np.ndarray
-    channel: np.ndarray
-    t: np.ndarray
+    block: Block  # residuals, K of readings and then those that regularise the own unknowns, with their derivatives
+    known: np.ndarray  # 1 for readings to which the own unknowns are fitted, 0 for those that are predicted, (K,)
+    channel: np.ndarray  # channel of each reading, (K,)
+    t: np.ndarray  # time of each reading [s], (K,)
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Distribution of the errors of predicted readings.
+    """Distribution of the errors of predicted readings. Its `covariance` is that of the shared unknowns of a recording
+    that was not fitted, about their fitted values, if parameters differ between recordings as the fit's covariance
+    says."""
 
-    Args:
-        uncertainty: Uncertainty of the G shared unknowns.
-        covariance: Covariance of the shared unknowns of a recording that was not fitted, about their fitted values, for
-            parameters that differ between recordings with the fit's own covariance, (G, G).
-        share: Variance of the readings' errors, over that of the fit's residuals.
-        between: Factor of `covariance`; 0 if only one recording was fitted, so that differences are unknown.
-        freedom: Degrees of freedom of Student's t distribution of the errors.
-    """
-
-    uncertainty: Uncertainty
-    covariance: np.ndarray
-    share: float = 1.0
-    between: float = 0.0
-    freedom: float = np.inf
+    uncertainty: Uncertainty  # of the G shared unknowns
+    covariance: np.ndarray  # (G, G)
+    share: float = 1.0  # variance of the readings' errors, over that of the fit's residuals
+    between: float = 0.0  # factor of `covariance`; 0 if only one recording was fitted: differences are unknown
+    freedom: float = np.inf  # degrees of freedom of Student's t distribution of the errors
 
     def standard_errors(self, readings: Readings) -> np.ndarray:
         """Return the standard errors of predicted minus measured readings, in units of their stated errors, (K,)."""
@@ -72,12 +59,8 @@ def calibrated(fitted: Sequence[Readings], pseudo: Sequence[Block], uncertainty:
     """Return the forecast whose standard errors fit the errors that the fitted recordings show when each of them is
     predicted from its first readings.
 
-    The fit's parameters are kept, and their covariance is reduced by what each recording contributed to them.
-
-    Args:
-        fitted: The fitted recordings at the solution.
-        pseudo: Blocks of least squares that err as the fit does, one for each recording.
-        uncertainty: Uncertainty at the solution.
+    The fit's parameters are kept, and their covariance is reduced by what each recording contributed to them. For each
+    recording, `pseudo` is a block of least squares that errs as the fit does.
     """
     seen = ~uncertainty.flat
     root = (uncertainty.directions[seen].T / uncertainty.singular_values[seen]) * uncertainty.units[:, None]

@@ -41,12 +41,8 @@ def recording_in(path: str) -> str:
 
 
 def model_of_run(path: str) -> dict[str, Any]:
-    """Return the options `model` and, where it is needed, `mount` for the model of the run that made a recording; empty
-    if the recording is not in a run folder.
-
-    Args:
-        path: `recording.npz` in the folder of a run, or in that of one of its strikes.
-    """
+    """Return the options `model` and, where it is needed, `mount` for the model of the run, or of one of its strikes,
+    in whose folder a `recording.npz` lies; empty if it is not in such a folder."""
     folder = Path(path).absolute().parent
     if Path(path).name != RECORDED:
         return {}
@@ -61,16 +57,8 @@ def model_of_run(path: str) -> dict[str, Any]:
 
 
 def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:
-    """Return the paths of the recordings to fit, and those of the recordings to hold out.
-
-    Args:
-        recordings: All paths.
-        held_out: Number of recordings to hold out, counted from the last, or their names; None: one if there are three
-            or more.
-
-    Raises:
-        InputError: A path is given twice, or nothing is left to fit.
-    """
+    """Return the paths of the recordings to fit, and those of the recordings to hold out, of which `held_out` has the
+    names or the number, counted from the last; None: one if there are three or more recordings."""
     if len(set(recordings)) < len(recordings):
         twice = next(name for name in recordings if recordings.count(name) > 1)
         raise InputError("recordings", twice, "each path once")
@@ -93,11 +81,7 @@ _WORDS = {"stiffness": "k", "damping": "b", "mass": "m", "length": "l", "density
 
 
 def full_name(name: str, plant: Plant) -> str:
-    """Return the full name of a parameter of a plant, or of a nuisance parameter: `whip.k` for `k`.
-
-    Raises:
-        InputError: No parameter has this name, or several have it.
-    """
+    """Return the full name of a parameter of a plant, or of a nuisance parameter: `whip.k` for `k`."""
     known = plant.values() if isinstance(plant.model, BareArm) else {**plant.values(), **NEUTRAL}
     found = names_of(name, known)
     if len(found) == 1:
@@ -120,16 +104,8 @@ def _grouped(names: Iterable[str]) -> list[str]:
 
 
 def profile_of(model: Model, name: str) -> WhipProfile:
-    """Return the whip's profile (its properties along its length): that in the model's file, else that from which the
-    nodes were computed, else that of a uniform whip.
-
-    Args:
-        model: Model that was read.
-        name: Preset or file from which it was read.
-
-    Raises:
-        InputError: The file has no profile, and the nodes are neither equal nor those of a profile.
-    """
+    """Return the whip's profile (its properties along its length): that in the file or preset `name` of the model, else
+    that from which the nodes were computed, else that of a uniform whip; other nodes are refused."""
     if name.endswith(".toml"):
         profile = read_toml(Path(name)).get("whip", {}).get("profile")
         if profile is not None:
@@ -138,18 +114,11 @@ def profile_of(model: Model, name: str) -> WhipProfile:
 
 
 def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior | None:
-    """Read a prior from a TOML file with lines such as `"whip.m" = {value = 0.012, error = 0.1}`.
+    """Read a prior of free parameters (full names) from a TOML file, None without a file, with lines such as
+    `"whip.m" = {value = 0.012, error = 0.1}`.
 
     An error is relative for a parameter that is always positive, and in the unit of a parameter that may be zero (drag,
     friction, rest angle, delay).
-
-    Args:
-        path: The file; None: there is no prior.
-        plant: Plant that has the parameters.
-        free: Full names of the fitted parameters.
-
-    Raises:
-        InputError: The file cannot be read, a name is not free, or a number is not positive.
     """
     if path is None:
         return None
@@ -174,11 +143,7 @@ def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior |
 
 
 def read_marker(path: str | None) -> Marker | None:
-    """Read a marker's appearance from a TOML file with the fields of `Marker`; None if no file is given.
-
-    Raises:
-        InputError: The file cannot be read, a key is unknown, or a value is not allowed.
-    """
+    """Read a marker's appearance from a TOML file with the fields of `Marker`; None if no file is given."""
     if path is None:
         return None
     table: dict[str, Any] = read_toml(Path(path))
@@ -196,14 +161,8 @@ def read_marker(path: str | None) -> Marker | None:
 
 
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:
-    """Return the controller that the recordings state, or None if they state none.
-
-    If a controller does not state the masses that its gravity compensation assumes, those of the other recordings are
-    taken.
-
-    Raises:
-        InputError: Two recordings state different controllers, or a description is invalid.
-    """
+    """Return the controller that the recordings state, or None if they state none; different ones are refused. If one
+    does not state the masses that its gravity compensation assumes, those of the other recordings are taken."""
     found: Controller | None = None
     for recording in recordings:
         if (controller := _controller_of(recording)) is None:
@@ -232,18 +191,10 @@ def _controller_of(recording: StrikeRecording) -> Controller | None:
 def check_controllers(
     recordings: Sequence[StrikeRecording], controller: Controller, *, free: Sequence[str] = ()
 ) -> None:
-    """Refuse recordings of strikes that were made with another controller than the plant's.
+    """Refuse recordings of strikes that were made with another controller than the plant's, except for free parameters.
 
     The masses that gravity compensation assumes are only compared if the recording states them, the control period only
-    if both state it.
-
-    Args:
-        recordings: Recordings; those without a controller are accepted.
-        controller: Controller of the plant.
-        free: Names of the fitted parameters; fitted parameters of the controller may differ from the recordings'.
-
-    Raises:
-        InputError: A recording states another controller, or an invalid one.
+    if both state it. Recordings without a controller are accepted.
     """
     now, fitted = controller_to_table(controller), {name.split(".")[-1].split("[")[0] for name in free}
     unsaid = {"compensated", "control_period"}
@@ -271,17 +222,9 @@ def each_episode(paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> StrikeRecording | VideoSource:
-    """Return a recording, or the video in which the tip still has to be tracked.
-
-    Args:
-        path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
-        cameras: File of the calibrated cameras, for films and recordings in pixels in space; default: the file that
-            each recording names.
-        handle: Whether the handle's path is needed, which is not tracked in images.
-
-    Raises:
-        InputError: The file is not a recording or is damaged; or the handle is needed and the recording is a film.
-    """
+    """Return a recording of any of `READERS` (`FOLDER#3` is episode 3 of a dataset), or the video in which the tip
+    still has to be tracked; films are refused if the handle's path is needed. `cameras` is the file of the calibrated
+    cameras; default: that which each recording names."""
     file, _ = split_episode(path)
     form = READERS[find_format(file)]
     if handle and form.tracks is None and form.video is not None:
@@ -332,20 +275,8 @@ def in_pixels(path: str) -> bool:
 def tracked(
     found: StrikeRecording | VideoSource, *, name: str, tip: Marker | None = None
 ) -> tuple[StrikeRecording, bool]:
-    """Return one recording; a film is tracked (with progress on stderr) on the strike plane, or in pixels of a camera
-    in space.
-
-    Args:
-        found: Result of `opened`.
-        name: Name of the file.
-        tip: Appearance of the tip's marker; default: as in the virtual camera's images.
-
-    Returns:
-        The recording, and whether it states that it is synthetic.
-
-    Raises:
-        InputError: The film has neither a calibrated strike plane nor a camera in space, or never shows the tip.
-    """
+    """Return one recording, and whether it states that it is synthetic; a film is tracked (with progress on stderr) on
+    the strike plane, or in pixels of a camera in space. By default the tip looks as in the virtual camera's images."""
     if isinstance(found, StrikeRecording):
         return found, False
     from whiptool.progress import Progress

@@ -29,20 +29,12 @@ _IN_PLANE, _SIGNS = [10, 16, 12, 14, 18, 20, 21, 23], np.array([-1.0, -1.0, 1.0,
 
 
 class JointMotion:
-    """Motion of the whip's base with the hand of an arm whose joints were measured; the base rotates with the last
-    link.
+    """Motion of the whip's base at I equally spaced instants [s], with the hand of an arm whose a joints were measured:
+    q (S, a) [rad or m] at times t (S,) [s]. The base rotates with the last link.
 
-    Args:
-        t, q: Times (S,) [s] and joint positions (S, a) [rad or m] of the log.
-        arm: Arm; a is its number of joints.
-        instants: Times at which the base's motion is computed [s], (I,), equally spaced.
-        knots: Spacing of the spline's knots [s]; default: by cross-validation.
-        at_rest: Whether the arm is at rest at the first instant.
-
-    The log errs as its differences say; where the spline differs from it by more, by as much.
-
-    Attributes:
-        root: Square root of the coefficients' covariance a priori, (C, C).
+    The log errs as its differences say; where the spline differs from it by more, by as much. The spline's knots are
+    `knots` [s] apart, by default as cross-validation says. The attribute `root` is the square root of the coefficients'
+    covariance a priori, (C, C).
     """
 
     def __init__(
@@ -90,11 +82,7 @@ class JointMotion:
 
     def at(self, c: np.ndarray, along: np.ndarray | None = None) -> Moved:
         """Return the motion of the whip's base for coefficients c (C,): one a joint for each function of the spline.
-
-        Args:
-            c: Coefficients, (C,).
-            along: Derivatives are by these k directions, as `paths` returns them; default: by each coefficient.
-        """
+        Derivatives are by the k directions whose `paths` are given as `along`, by default by each coefficient."""
         a, d = self._arm.n, self._arm.dimension
         along = self.paths(np.eye(len(c))) if along is None else along
         joints, numbers, slopes = self._moved(c)
@@ -120,16 +108,9 @@ class JointMotion:
 
 
 class ResolvedMotion:
-    """A measured motion of the base of which k directions are unknown.
-
-    Args:
-        log: The measured motion, with C coefficients.
-        directions: Orthonormal directions of the standard normal e, (C, k).
-        point: The e at which all unknowns are zero, (C,); default: 0.
-
-    Attributes:
-        start, rows, mean: As in `BaseMotion`: the unknowns are standard normal.
-    """
+    """A measured motion of the base with coefficients `log.start + log.root @ e` (C,), in which e differs from `point`,
+    by default 0, only along k orthonormal directions (C, k). The k lengths along them are the unknowns; like e, they
+    are standard normal."""
 
     def __init__(self, log: JointMotion, directions: np.ndarray, point: np.ndarray | None = None) -> None:
         self.log, self.directions = log, directions

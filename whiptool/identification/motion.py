@@ -21,16 +21,8 @@ _AT_REST = 0.1  # [s] that a log may end before the last reading, if the arm sta
 
 
 def check_covers(name: str, t: np.ndarray, q: np.ndarray, first: float, last: float) -> None:
-    """Refuse a log of joints or of a hand that does not cover the whole motion.
-
-    Args:
-        name: Name of the log, for messages.
-        t, q: Times (S,) [s] and samples (S, a) [rad or m] of the log.
-        first, last: Times of the first and last reading to predict [s].
-
-    Raises:
-        InputError: The log has a gap while the arm moves, starts late or ends early.
-    """
+    """Refuse a log of joints or of a hand, samples q (S, a) [rad or m] at times t (S,) [s], that has a gap while the
+    arm moves, or does not cover the time from the first to the last reading to predict [s]."""
     usual = max(_HOLE, 4 * float(np.median(np.diff(t))))
     gaps, moved = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)
     for i in np.flatnonzero((gaps > usual) & (moved > _MOVED) & (t[1:] > first) & (t[:-1] < last)):
@@ -63,19 +55,12 @@ LARGEST = 6e9  # [bytes] of a motion's derivatives
 
 
 class SmoothSpline:
-    """A regression spline of d quantities, with a normal prior of standard deviation `jerk` on the third derivative.
+    """A regression spline of d quantities, with a normal prior of standard deviation `jerk` [unit of the quantity /
+    s^3] on the third derivative. If they begin at rest, the prior standard deviation of their initial rates is `REST`.
 
-    Args:
-        start, end: Time range that it covers [s].
-        knots: Spacing of the knots [s].
-        jerk: Prior root mean square of the third derivative [unit of the quantity / s^3].
-        d: Number of quantities.
-        at_rest: Whether they begin at rest: the prior standard deviation of their initial rates is then `REST`.
-
-    Attributes:
-        size: Number of basis functions; there are `size d` coefficients c.
-        prior: Rows of the prior of each quantity, (rows, size).
-        penalty: The same of all, (rows d, size d): `penalty @ c` is standard normal.
+    It has knots every `knots` [s] from `start` to `end` [s], `size` basis functions, and `size d` coefficients c. The
+    rows `prior` (rows, size) are those of each quantity, `penalty` (rows d, size d) those of all: `penalty @ c` is
+    standard normal.
     """
 
     def __init__(self, *, start: float, end: float, knots: float, jerk: float, d: int, at_rest: bool = False) -> None:
@@ -131,14 +116,11 @@ def spacing(t: np.ndarray, samples: float) -> float:
 
 
 def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jerk: float, at_rest: bool) -> float:
-    """Return the spacing of knots [s] that predicts left-out samples best.
+    """Return the spacing of knots [s] of a `SmoothSpline` that predicts left-out samples best: values (S, d) at times t
+    (S,) [s], with the standard error `noise` of each quantity, (d,).
 
     Generalised cross-validation (Craven and Wahba 1979) chooses among multiples of the sampling interval: abrupt motion
     needs one knot per sample, smooth motion with noisy samples fewer.
-
-    Args:
-        t, values, noise: Times (S,) [s], samples (S, d), and standard error of each quantity, (d,).
-        jerk, at_rest: As in `SmoothSpline`.
     """
     spacings = list(dict.fromkeys(spacing(t, samples) for samples in SAMPLES_A_KNOT))
     if len(spacings) == 1 or len(t) <= DEGREE + 1:
@@ -161,33 +143,25 @@ def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jer
 @dataclass(frozen=True)
 class Moved:
     """Prescribed motion of the whip's base at I instants, and its derivatives by the C coefficients of a `BaseMotion`.
+    The inputs are position, velocity and acceleration of the base as the equations of motion take them, see
+    `whiptool.dynamics.swing`."""
 
-    Args:
-        inputs, d_inputs: Position, velocity and acceleration of the base as the equations of motion take them, see
-            `whiptool.dynamics.swing`: (I, 7), in space (I, 21); their derivatives, (C, I, 7) or (C, I, 21).
-        place, d_place: Position of the base [m], (I, d), d = 2 in the plane and 3 in space; derivatives, (C, I, d).
-        q_i, d_q_i: Positions of the arm's joints at the first instant [rad], (a,); their derivatives, (C, a).
-    """
-
-    inputs: np.ndarray
-    d_inputs: np.ndarray
-    place: np.ndarray
-    d_place: np.ndarray
-    q_i: np.ndarray
-    d_q_i: np.ndarray
+    inputs: np.ndarray  # (I, 7), in space (I, 21)
+    d_inputs: np.ndarray  # (C, I, 7) or (C, I, 21)
+    place: np.ndarray  # position of the base [m], (I, d), d = 2 in the plane and 3 in space
+    d_place: np.ndarray  # (C, I, d)
+    q_i: np.ndarray  # positions of the arm's joints at the first instant [rad], (a,)
+    d_q_i: np.ndarray  # (C, a)
 
 
 class BaseMotion(Protocol):
     """A prescribed motion of the base whose C coefficients are fitted, because its measurement has errors, too.
 
-    The tip amplifies errors of the base about a hundredfold, which a fixed motion would ignore.
-
-    Attributes:
-        start: Coefficients that fit the measurement best, (C,).
-        rows, mean: Prior of the coefficients c from all data but the markers: `rows @ c - mean` is standard normal.
+    The tip amplifies errors of the base about a hundredfold, which a fixed motion would ignore. The prior of the
+    coefficients c from all data but the markers is that `rows @ c - mean` is standard normal.
     """
 
-    start: np.ndarray
+    start: np.ndarray  # coefficients that fit the measurement best, (C,)
     rows: np.ndarray
     mean: np.ndarray
 
@@ -197,13 +171,7 @@ class BaseMotion(Protocol):
 
 
 class StillMotion:
-    """A base at rest; it has no coefficients.
-
-    Args:
-        place: Position of the base [m], (2,).
-        instants: Number of instants.
-        joints: Number of joints of the arm, whose positions are zero.
-    """
+    """A base at rest at a place (2,) [m], with no coefficients; the positions of the arm's joints are zero."""
 
     def __init__(self, place: np.ndarray, instants: int, *, joints: int) -> None:
         self.start = self.mean = np.zeros(0)
@@ -218,18 +186,13 @@ class StillMotion:
 
 
 class HandleMotion:
-    """Motion of the whip's base along a spline through the tracked path of the handle, without rotation.
+    """Motion of the whip's base, without rotation, along a spline through the tracked path of the handle: points (T, 2)
+    [m] with standard errors sigma (T,) [m] at times t (T,) [s], NaN where it was not seen.
 
     The handle's measured positions are residuals of the fit like those of the whip's markers. The prior contains only
-    the typical size of the jerk and, if requested, the start at rest.
-
-    Args:
-        t, points, sigma: Times (T,) [s], positions (T, 2) [m] and standard errors (T,) [m] of the tracked handle; NaN
-            where it was not seen.
-        instants: Times at which the base's motion is computed [s], (I,), equally spaced.
-        joints: Number of joints of the arm, whose positions are zero.
-        knots: Spacing of the spline's knots [s]; default: 1.5 frames.
-        at_rest: Whether the handle is at rest at the first instant.
+    the typical size of the jerk and, if requested, the start at rest. The spline's knots are `knots` [s] apart, by
+    default 1.5 frames; the motion is computed at I equally spaced instants [s], and the positions of the arm's joints
+    are zero.
     """
 
     def __init__(
@@ -273,16 +236,11 @@ _DIFFERENCE = 1e-4  # of the standard errors a priori, for derivatives
 
 
 class LaggedReference:
-    """Motion of the whip's base with the hand of an arm whose joints follow a strike's reference as a `ServoLag` says.
+    """Motion of the whip's base at I instants [s], not below 0, with the hand of an arm in space whose joints follow a
+    strike's reference as a `ServoLag` says.
 
-    Args:
-        strike: The command in joint space.
-        arm: Arm in space.
-        instants: Times at which the hand's motion is computed [s], (I,), not below 0.
-
-    Attributes:
-        start, rows, mean: As in `BaseMotion`. The coefficients are the lag [s], the shape, which is
-            `1 / (stiffness lag^2)` (0 for a lag of first order), and the delay [s].
+    The coefficients are the lag [s], the shape, which is `1 / (stiffness lag^2)` (0 for a lag of first order), and the
+    delay [s].
     """
 
     def __init__(self, strike: Strike, arm: SpatialArm, instants: np.ndarray) -> None:

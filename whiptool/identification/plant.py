@@ -86,11 +86,7 @@ class BareArm:
 
 
 def read_bare_arm(path: Path | str) -> BareArm:
-    """Read an arm without a whip from its TOML file.
-
-    Raises:
-        InputError: The file cannot be read, a key is unknown or missing, or a value is not allowed.
-    """
+    """Read an arm without a whip from its TOML file."""
     table = read_toml(Path(path))
     links = table.get("links")
     for key in table:
@@ -292,9 +288,6 @@ def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
 
     The arrays are linear in the parameters of model and control law, so that any difference is the derivative;
     derivatives by a profile's parameters are computed with CasADi.
-
-    Raises:
-        InputError: A name is unknown.
     """
     base, known = plant.quantities(), plant.values()
     profile = plant.profile

@@ -24,23 +24,13 @@ LAG = ("lag", "lag_shape", "lag_delay")  # [s], [-], [s]: see `LaggedReference`
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted values of a recording's K readings that are not missing.
+    """Predicted values of a recording's K readings that are not missing; derivatives are empty if not requested."""
 
-    Args:
-        value: Predicted readings, (K,): [m], [rad], or for a camera in space [pixels] and, for depth, its inverse
-            [1/m].
-        by_shared, by_own: Derivatives by the shared unknowns (K, G) and by this recording's own (K, L); empty if not
-            requested.
-        size: Smallest displacement of a point that changes the reading by one unit [m/pixel], for depth [m^2], (K,); 1
-            for positions.
-        by_time: Derivative by the time of each reading, (K,).
-    """
-
-    value: np.ndarray
-    by_shared: np.ndarray
-    by_own: np.ndarray
-    size: np.ndarray
-    by_time: np.ndarray
+    value: np.ndarray  # (K,): [m], [rad], or for a camera in space [pixels] and, for depth, its inverse [1/m]
+    by_shared: np.ndarray  # derivatives by the G shared unknowns, (K, G)
+    by_own: np.ndarray  # derivatives by this recording's own unknowns, (K, L)
+    size: np.ndarray  # least displacement of a point that changes it by 1 unit [m/pixel], depth: [m^2]; positions: 1
+    by_time: np.ndarray  # derivative by the time of each reading, (K,)
 
 
 class Predictor:
@@ -134,14 +124,8 @@ class Predictor:
     def __call__(
         self, plant: Plant, nuisance: dict[str, float], own: Sequence[np.ndarray], *, derivatives: bool
     ) -> list[Prediction]:
-        """Predictions of all recordings.
-
-        Args:
-            plant: Plant with the free parameters set.
-            nuisance: Values of the shared nuisance.
-            own: Unknowns of each recording, as `start` orders them.
-            derivatives: Also by all unknowns.
-        """
+        """Predictions of all recordings, for a plant with the free parameters set, the shared nuisance by name, and the
+        unknowns of each recording as `start` orders them; with derivatives by all unknowns, if requested."""
         rates = slopes(plant, self._of_plant) if derivatives else []
         counts = [sum(len(x) for x in d.unknowns.values()) for d in self.drives]
         packed = {d.packed_like: d for d in self.drives}

@@ -95,15 +95,8 @@ class FitOptions:
 
 
 class Problem:
-    """The fit of a plant's free parameters to recordings as a least-squares problem of the solver.
-
-    Args:
-        recordings: Recordings to fit.
-        plant: Plant with the values of the parameters that are not free.
-        free: Names of the G shared free parameters.
-        variables: The solver's variables of these parameters, in the same order.
-        options: Options of the fit.
-    """
+    """The fit of a plant's G free parameters to recordings as a least-squares problem of the solver, of which
+    `variables` are these parameters, in the same order; other parameters keep the plant's values."""
 
     def __init__(
         self,
@@ -149,15 +142,11 @@ class Problem:
         return plant, {k: v for k, v in values.items() if k in NUISANCE}
 
     def solve(self, z: np.ndarray, *, fixed: bool = False, known: Sequence[np.ndarray] | None = None) -> Solution:
-        """Solve from a starting point: first with pieces of the recordings, if any, then with whole recordings.
+        """Solve from shared unknowns z (G,): first with pieces of the recordings, if any, then with whole recordings.
 
         A free initial state is first fitted to the first readings alone, because a path with a wrong start leads the
-        fit to a wrong minimum.
-
-        Args:
-            z: Starting values of the shared unknowns, (G,).
-            fixed: Whether z is fixed and only the recordings' own unknowns are fitted.
-            known: For each recording 1 for readings that are fitted and 0 for the others, (K,); default: all 1.
+        fit to a wrong minimum. If `fixed`, only the recordings' own unknowns are fitted; `known` is for each recording
+        1 for readings that are fitted and 0 for the others, (K,), by default all 1.
         """
         self.resolve(z)
         if SMOOTHING in self._own:

@@ -27,15 +27,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)  # of the exposure's avera
 
 
 class Samples:
-    """Interpolates K readings from paths that are sampled on an equidistant time grid.
-
-    Before and after the grid a path is constant.
-
-    Args:
-        at: Times of the readings [s], (K,).
-        exposure: Each reading is the mean of the path over this interval around its time [s].
-        start, interval, count: First time [s], spacing [s] and number of points of the grid.
-    """
+    """Interpolates K readings from paths that are sampled at `count` points, from the time `start` on every `interval`
+    [s], and are constant before and after. Each reading is the mean of the path over `exposure` [s] around its time
+    `at` (K,) [s]."""
 
     def __init__(self, at: np.ndarray, *, exposure: float, start: float, interval: float, count: int) -> None:
         nodes, shares = (_NODES * exposure / 2, _WEIGHTS / 2) if exposure else (np.zeros(1), np.ones(1))
@@ -179,17 +173,9 @@ class Reading:
     def _taken(
         self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
-        """Predict the readings from a simulated path.
-
-        Args:
-            path, dpath: Positions or angles of the M markers, (S, M, d), and their derivatives by D unknowns.
-            given: Values of all nuisance parameters by name.
-            start, interval: Time of the path's first sample, and time between two samples [s].
-
-        Returns:
-            Readings (K,), their derivatives by the D unknowns (D, K) and by each nuisance parameter (K,), and the
-                smallest displacement of a point that changes a reading by one unit, (K,).
-        """
+        """Predict the K readings from a simulated path (S, M, d) of the M markers and its derivatives by D unknowns;
+        return them, their derivatives (D, K) and those by each nuisance parameter (K,), and the smallest displacement
+        of a point that changes a reading by one unit, (K,)."""
         rate = given["clock_rate"]
         key = (given["delay"], rate, start, interval, len(path))
         if self._grid is None or self._grid[0] != key:  # most fits have no delay: the same grid again and again

@@ -27,15 +27,8 @@ _AT_ONCE = 128  # directions whose derivatives are calculated together
 def resolve(
     predictor: Predictor, plant: Plant, nuisance: dict[str, float], own: Sequence[np.ndarray]
 ) -> list[np.ndarray] | None:
-    """Let the measured motions have the unknowns that their recordings' readings can resolve.
-
-    Args:
-        predictor: Its motions are changed, if random directions show that they lack such unknowns.
-        plant, nuisance, own: Values at which derivatives are taken.
-
-    Returns:
-        The recordings' own unknowns, which have changed with the motions; None if the motions lack none.
-    """
+    """Let the measured motions have the unknowns that their recordings' readings can resolve, if random directions show
+    that they lack any, and return the recordings' own unknowns, which change with them; None if they lack none."""
     own, motions = list(own), _motions(predictor)
     if not any(motions):
         return None

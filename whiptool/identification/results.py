@@ -76,14 +76,8 @@ class RecordingFit:
     freedom: float = math.inf
 
     def half_widths(self, level: float) -> np.ndarray:
-        """Return half the widths of the predictive intervals of the readings, in their units, (K,).
-
-        Args:
-            level: Level of the intervals, such as 0.9.
-
-        Raises:
-            InputError: The recording was fitted, so that nothing was predicted.
-        """
+        """Return half the widths of the predictive intervals of the readings at a level such as 0.9, in their units,
+        (K,); an `InputError` if the recording was fitted, so that nothing was predicted."""
         number("level", level, low=0, high=1, strict=True)
         if self.spread is None:
             raise InputError("recording", self.source, "a held-out recording, whose readings were predicted")
@@ -140,13 +134,8 @@ class RecordingFit:
 def root_mean_square(
     found: Sequence[RecordingFit], of: Literal["places", "pixels", "depth"] = "places"
 ) -> float | None:
-    """Return a root mean square over several recordings, per coordinate; None without such residuals.
-
-    Args:
-        found: Recordings with their predictions.
-        of: `places`: errors without those of depth [m] or [rad]; `pixels`: residuals of cameras in space [pixels];
-            `depth`: errors of depth [m].
-    """
+    """Return a root mean square over several recordings, per coordinate: of errors without those of depth [m] or [rad],
+    of residuals of cameras in space [pixels], or of errors of depth [m]; None without such residuals."""
     parts = {
         "places": [r.errors[~r.deep] for r in found],
         "pixels": [r.residuals[~r.deep] for r in found if r.view is not None],
@@ -157,21 +146,13 @@ def root_mean_square(
 
 @dataclass(frozen=True)
 class FittedStart:
-    """One starting point and the solution from it.
+    """One starting point and the solution from it."""
 
-    Args:
-        start: Starting values of the shared free parameters by name.
-        values: Final values.
-        solution: Solution of the last stage, with the history of its convergence.
-        over_best: Ratio of its cost to that of the best run.
-        failed: Whether its cost is so far above the best that its values are outside the best run's confidence region.
-    """
-
-    start: dict[str, float]
-    values: dict[str, float]
-    solution: Solution
-    over_best: float = 1.0
-    failed: bool = False
+    start: dict[str, float]  # starting values of the shared free parameters by name
+    values: dict[str, float]  # final values
+    solution: Solution  # of the last stage, with the history of its convergence
+    over_best: float = 1.0  # ratio of its cost to that of the best run
+    failed: bool = False  # whether its cost is so high that its values are outside the best run's confidence region
 
     @property
     def outcome(self) -> str:
@@ -182,15 +163,12 @@ class FittedStart:
 
 
 def judge_starts(runs: Sequence[FittedStart], readings: int) -> list[FittedStart]:
-    """Return the runs sorted by cost, each with `over_best`, its cost over the least cost, and `failed` set.
+    """Return runs of the same loss sorted by cost, with `over_best`, their cost over the least cost, and `failed` set.
 
     A run has failed if a likelihood ratio test rejects that it ended in the minimum of the best run. Under that
     hypothesis twice the difference of the two costs, over the residual variance of the best run, has a chi-squared
-    distribution with as many degrees of freedom as there are unknowns.
-
-    Args:
-        runs: Runs, all with the same loss.
-        readings: Number of residuals.
+    distribution with as many degrees of freedom as there are unknowns. That variance is computed with the number of
+    `readings`.
     """
     ordered = sorted(runs, key=lambda run: run.solution.cost)
     best = ordered[0].solution.cost

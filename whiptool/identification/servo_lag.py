@@ -27,24 +27,13 @@ _QUINTIC = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])  # Eq. 1, by powers of t 
 
 @dataclass(frozen=True)
 class ServoLag:
-    """Lag of joints behind their commands, `q'' = stiffness (u(t - delay) - q - lag q')`.
+    """Lag of joints behind their commands, `q'' = stiffness (u(t - delay) - q - lag q')`."""
 
-    Args:
-        lag: Time by which a moving joint is behind [s].
-        stiffness: Acceleration per distance from the command [1/s^2].
-        delay: Time until a command has an effect [s].
-        errors: Standard errors of the three [s, 1/s^2, s]; zeros: not fitted.
-        rms: Root mean square of the positions' residuals [rad].
-
-    Raises:
-        InputError: A number is negative, or the stiffness is 0.
-    """
-
-    lag: float
-    stiffness: float
-    delay: float = 0.0
-    errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rms: float = 0.0
+    lag: float  # time by which a moving joint is behind [s]
+    stiffness: float  # acceleration per distance from the command [1/s^2]
+    delay: float = 0.0  # time until a command has an effect [s]
+    errors: tuple[float, float, float] = (0.0, 0.0, 0.0)  # standard errors of these three; zeros: not fitted
+    rms: float = 0.0  # root mean square of the positions' residuals [rad]
 
     def __post_init__(self) -> None:
         number("lag", self.lag, low=0)
@@ -66,20 +55,12 @@ class ServoLag:
 
     def leading(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the commanded positions (T, n) [rad or m] with which joints follow a motion exactly, but later by the
-        delay.
-
-        Args:
-            q, v, a: Positions [rad or m], velocities [per s] and accelerations [per s^2] of the motion, (T, n) each.
-        """
+        delay: positions q [rad or m], velocities v [per s] and accelerations a [per s^2], (T, n) each."""
         return q + self.lag * v + a / self.stiffness
 
     def following(self, commands: np.ndarray, period: float = PERIOD) -> np.ndarray:
-        """Return the positions (T, n) of joints that begin at rest at the first command, each command being held.
-
-        Args:
-            commands: Commanded positions (T, n), one a period.
-            period: Time from one command to the next [s].
-        """
+        """Return the positions (T, n) of joints that begin at rest at the first of the commanded positions (T, n), each
+        of which is held for a period [s]."""
         whole, part = divmod(self.delay / period, 1.0)
         late = np.concatenate([np.repeat(commands[:1], int(whole), axis=0), commands])[: len(commands)] - commands[0]
         before = np.concatenate([late[:1], late[:-1]])
@@ -93,14 +74,10 @@ class ServoLag:
         return commands[0] + found
 
     def behind(self, t: np.ndarray, D: float) -> np.ndarray:
-        """Return how far of its way a joint is whose command goes from 0 to 1 along a minimum-jerk path (Eq. 1), and
-        its first and second rates, (3, T), in closed form.
+        """Return how far of its way a joint is at times t (T,) [s] whose command goes from 0 to 1 along a minimum-jerk
+        path (Eq. 1) of duration D [s], and its first and second rates, (3, T), in closed form.
 
         While the command is a polynomial, so is what follows it, except a part that fades.
-
-        Args:
-            t: Times since the command's start [s], (T,).
-            D: Duration of the command [s].
         """
         s = np.maximum(t - self.delay, 0.0)
         path = following = Polynomial(_QUINTIC / D ** np.arange(6))
@@ -136,16 +113,9 @@ class ServoLag:
 def fit_servo_lag(t: np.ndarray, commands: np.ndarray, q: np.ndarray, *, period: float = PERIOD) -> ServoLag:
     """Fit a lag to a recording that begins at rest, by least squares over all joints; each may have an offset.
 
-    The standard errors allow for residuals that are correlated over 0.1 s (Newey and West, 1987).
-
-    Args:
-        t: Times of the samples [s], (T,), increasing; some may be missing.
-        commands: Commanded positions [rad] that were sent at these times, (T, n).
-        q: Measured positions [rad], (T, n).
-        period: Time from one command to the next [s].
-
-    Raises:
-        InputError: The recording is too short, or no joint moves.
+    The standard errors allow for residuals that are correlated over 0.1 s (Newey and West, 1987). The commands (T, n)
+    [rad] were sent, one a period [s], at the times t (T,) [s] of the measured positions q (T, n) [rad]; some samples
+    may be missing.
     """
     if len(t) < _LEAST or commands.shape != q.shape or len(q) != len(t):
         raise InputError("recording", q.shape, f"{_LEAST} samples or more of commands and positions")

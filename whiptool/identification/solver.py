@@ -49,23 +49,15 @@ class Block:
 
 @dataclass
 class Solution:
-    """Result of the solver.
+    """Result of the solver. Its `history` has the cost, the damping and the length of the step in z, at the start and
+    after each accepted step."""
 
-    Args:
-        z: Shared unknowns, (G,).
-        own: Own unknowns of each recording, (L,).
-        cost: Half the sum of the loss.
-        status: Reason why the solver stopped.
-        history: Cost, damping and length of the step in z, at the start and after each accepted step.
-        evaluations: Evaluations of the model, with or without derivatives.
-    """
-
-    z: np.ndarray
-    own: list[np.ndarray]
-    cost: float
-    status: Ending
+    z: np.ndarray  # shared unknowns, (G,)
+    own: list[np.ndarray]  # own unknowns of each recording, (L,)
+    cost: float  # half the sum of the loss
+    status: Ending  # reason why the solver stopped
     history: list[tuple[float, float, float]] = field(default_factory=list)
-    evaluations: int = 0
+    evaluations: int = 0  # of the model, with or without derivatives
 
 
 Evaluate = Callable[[np.ndarray, list[np.ndarray], bool], list[Block]]
@@ -85,15 +77,10 @@ def huber(r: np.ndarray, limit: float | None) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True)
 class Loss:
-    """Loss of the residuals of all blocks.
+    """Loss of the residuals of all blocks. Huber's loss is that of the first `robust` residuals of each block (default:
+    all); the others have least squares."""
 
-    Args:
-        limit: Residual at which Huber's loss becomes linear, in standard errors; None: least squares.
-        robust: Number of residuals of each block, from the first, that have Huber's loss; the others have least
-            squares. Default: all.
-    """
-
-    limit: float | None = None
+    limit: float | None = None  # residual at which Huber's loss becomes linear, in standard errors; None: least squares
     robust: Sequence[int] | None = None
 
     def of(self, blocks: Sequence[Block]) -> tuple[float, list[np.ndarray]]:
@@ -113,16 +100,9 @@ class Loss:
 
 
 def reduce(block: Block, damping: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Eliminate a recording's own L unknowns: reduce the matrix [B A r] of its block to triangular form.
-
-    Args:
-        block: The recording's residuals and derivatives.
-        damping: Diagonal of the rows that damp the own unknowns, (L,); None: no damping.
-
-    Returns:
-        First L rows of the triangular form, (L, L + G + 1), and the remaining rows without the columns of these
-            unknowns, (at most G + 1, G + 1).
-    """
+    """Reduce the matrix [B A r] of a recording's block to triangular form, which eliminates its own L unknowns, damped
+    by the diagonal `damping` (L,). Return the first L rows, (L, L + G + 1), and the remaining rows without the columns
+    of these unknowns, (at most G + 1, G + 1)."""
     L = block.B.shape[1]
     rows = np.hstack([block.B, block.A, block.r[:, None]])
     if damping is not None:
@@ -148,23 +128,15 @@ def solve(
     max_iterations: int = MAX_ITERATIONS,
     tolerance: float = TOLERANCE,
 ) -> Solution:
-    """Minimise the loss of all blocks from a starting point inside the bounds.
+    """Minimise the loss of all blocks from a starting point inside the bounds: shared unknowns z (G,), and each
+    recording's own unknowns (L,). `evaluate` returns the blocks there, with derivatives or without (A and B are then
+    ignored).
 
     Marquardt's damping is scaled by the norms of the Jacobian's columns; its factor follows Nielsen (1999). A shared
-    unknown at a bound is fixed for one step if the cost decreases beyond the bound.
-
-    Args:
-        evaluate: Function that returns the blocks at (z, own), with derivatives or without (A and B are then ignored).
-        z, own: Starting point: shared unknowns (G,), and each recording's own unknowns (L,).
-        lower, upper: Bounds of z, (G,).
-        loss: Loss to minimise.
-        max_iterations: Largest number of iterations.
-        tolerance: The solver stops if the predicted decrease of the cost, per mean squared residual, is at most this;
-            or if the shared unknowns are constant and only those of single recordings change along a flat valley of the
-            cost (`Ending.SETTLED`).
-
-    Returns:
-        The solution, also if no step was possible; its `status` says why the solver stopped.
+    unknown at a bound is fixed for one step if the cost decreases beyond the bound. The solver stops if the predicted
+    decrease of the cost, per mean squared residual, is at most `tolerance`, or if the shared unknowns are constant and
+    only those of single recordings change along a flat valley of the cost (`Ending.SETTLED`); `status` says why, also
+    if no step was possible.
     """
     search = _Search(evaluate, loss, (lower, upper), tolerance, [len(x) for x in own])
     here = search.point(np.clip(z, lower, upper), [np.array(x, float) for x in own], derivatives=True)
@@ -196,14 +168,8 @@ class _Point:
 
 
 def _have_settled(steps: Sequence[np.ndarray], costs: Sequence[float], here: _Point, tolerance: float) -> bool:
-    """Whether shared unknowns have stayed where they are while the recordings' own moved along a flat valley.
-
-    Args:
-        steps: Shared unknowns after each accepted step.
-        costs: Likewise.
-        here: The last of them.
-        tolerance: See `solve`.
-    """
+    """Whether the shared unknowns have stayed where they are while the recordings' own moved along a flat valley;
+    `steps` and `costs` are the shared unknowns and the cost after each accepted step, `here` is the last of them."""
     moved = np.ptp(steps[-_SETTLING - 1 :], axis=0)
     if len(steps) <= _SETTLING or not moved.any() or not any(len(x) for x in here.own):
         return False

@@ -35,29 +35,16 @@ JUMP = "jump"
 
 @dataclass(frozen=True)
 class ClockFault:
-    """The error of a recording's time stamps that explains its residuals best.
+    """The error of a recording's time stamps that explains its residuals best."""
 
-    Args:
-        recording: Index of the recording.
-        kind: `delay`: all time stamps are late; `clock_rate`: the clock runs fast; `jump`: time stamps from `at` on are
-            late.
-        size: Size of the error [s]; for `clock_rate` the relative error of the rate.
-        error: Standard error of `size`.
-        at: Time of a jump, by the recording's own clock [s]; else None.
-        frames: Largest error of a time stamp, in frame intervals.
-        p_value: Probability that correct recordings would show as large an effect in any of the tests.
-        share: Fraction of the recording's unexplained squared residuals that the fault explains; a low value indicates
-            an error of the model.
-    """
-
-    recording: int
-    kind: str
-    size: float
-    error: float
-    at: float | None
-    frames: float
-    p_value: float
-    share: float
+    recording: int  # index of the recording
+    kind: str  # `delay`: all times are late; `clock_rate`: the clock runs fast; `jump`: times from `at` on are late
+    size: float  # size of the error [s]; for `clock_rate` the relative error of the rate
+    error: float  # standard error of `size`
+    at: float | None  # time of a jump, by the recording's own clock [s]; else None
+    frames: float  # largest error of a time stamp, in frame intervals
+    p_value: float  # probability that correct recordings would show as large an effect in any of the tests
+    share: float  # part of the recording's unexplained squared residuals that it explains; low: an error of the model
 
     @property
     def plain(self) -> bool:
@@ -67,21 +54,13 @@ class ClockFault:
 
 @dataclass(frozen=True)
 class FittedReadings:
-    """One recording's readings at the end of a fit.
+    """One recording's readings at the end of a fit. For its own `delay` and `clock_rate` that were fitted and are to be
+    tested, `clock` has the column of the block's B, and the fitted delay [s] or clock rate minus 1."""
 
-    Args:
-        block: Whitened residuals and derivatives, followed by the rows that regularise the recording's own unknowns.
-        channel: Channel (marker and axis) of each residual, (K,).
-        t: Time of each reading [s], (K,).
-        slope: Whitened derivative of each reading by its time, (K,).
-        clock: The recording's own `delay` and `clock_rate` that were fitted and are to be tested: for each the column
-            of the block's B, and the fitted delay [s] or clock rate minus 1.
-    """
-
-    block: Block
-    channel: np.ndarray
-    t: np.ndarray
-    slope: np.ndarray
+    block: Block  # whitened residuals and derivatives, then the rows that regularise the recording's own unknowns
+    channel: np.ndarray  # channel (marker and axis) of each residual, (K,)
+    t: np.ndarray  # time of each reading [s], (K,)
+    slope: np.ndarray  # whitened derivative of each reading by its time, (K,)
     clock: dict[str, tuple[int, float]]
 
     def without(self, kind: str) -> FittedReadings:
@@ -95,13 +74,9 @@ def likeliest_fault(
 ) -> ClockFault | None:
     """Return the most likely fault of a recording's times, with its significance; None if none has an effect.
 
-    If residuals scatter less than the stated errors, the stated errors are used.
-
-    Args:
-        readings: Readings of each recording.
-        prior: Rows of the prior on the shared unknowns, (m, G).
-        fitted: Kinds of faults that were fitted and are not tested.
-        correlated: Whether to account for the autocorrelation of the residuals that remain without the fault.
+    If residuals scatter less than the stated errors, the stated errors are used. Kinds of faults that were `fitted` are
+    not tested; `prior` (m, G) has the rows of the prior on the shared unknowns. If `correlated`, the autocorrelation of
+    the residuals that remain without the fault is accounted for.
     """
     rest = _Rest(readings, prior)
     tried = [(i, *one) for i, r in enumerate(readings) for one in _alternatives(r, fitted)]
@@ -144,17 +119,11 @@ def _alternatives(readings: FittedReadings, fitted: Sequence[str]) -> list[tuple
 
 @dataclass(frozen=True)
 class _Regression:
-    """The residuals on one fault, all that was fitted taken out.
+    """The residuals on one fault, all that was fitted taken out."""
 
-    Args:
-        size: Size of the fault.
-        information: Its square, of all that is left of it.
-        left: Part of it that remains in each recording's readings.
-    """
-
-    size: float
-    information: float
-    left: list[np.ndarray]
+    size: float  # size of the fault
+    information: float  # squared length of what fitted unknowns leave of the fault
+    left: list[np.ndarray]  # what they leave of it in each recording's readings
 
 
 class _Rest:

@@ -19,41 +19,23 @@ _SHARE = 0.05  # part of a flat direction from which a number belongs to it
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Uncertainty of the G shared unknowns z; each z is a logarithm or a scaled parameter (see `Variable`).
+    """Uncertainty of the G shared unknowns z; each z is a logarithm or a scaled parameter (see `Variable`)."""
 
-    Args:
-        variables: Variables of the G shared unknowns.
-        z: Their estimate, (G,).
-        covariance: Covariance of z without flat directions, for independent errors, (G, G).
-        correlation: Correlation matrix of `covariance`, (G, G).
-        singular_values: Singular values of the Jacobian of the whitened residuals by z, largest first, (G,).
-        directions: Right singular vectors in rows, one for each singular value, (G, G).
-        units: Scale of each z in which singular values and directions are computed, (G,), see `variables.room`.
-        flat: Which directions the recordings contain no information on, (G,).
-        condition_number: Condition number of the Jacobian with its columns scaled to unit length.
-        residual_variance: Variance of the whitened residuals; 1 if the stated errors are right.
-        freedom: Degrees of freedom of that variance, fewer if errors are correlated; intervals use Student's t.
-        stated: Covariance of z for errors with the autocorrelation `errors`, from which intervals are computed, (G, G).
-        whiteness: Correlation of successive residuals of one channel; 0 if independent.
-        errors: Autocorrelation of the errors of one channel, estimated from the residuals.
-        error_variance: Variance of these errors, in units of the stated one.
-    """
-
-    variables: tuple[Variable, ...]
-    z: np.ndarray
-    covariance: np.ndarray
-    correlation: np.ndarray
-    singular_values: np.ndarray
-    directions: np.ndarray
-    units: np.ndarray
-    flat: np.ndarray
-    condition_number: float
-    residual_variance: float
-    freedom: float
-    stated: np.ndarray
-    whiteness: float
-    errors: Autoregression
-    error_variance: float = 1.0
+    variables: tuple[Variable, ...]  # of the G shared unknowns
+    z: np.ndarray  # their estimate, (G,)
+    covariance: np.ndarray  # of z without flat directions, for independent errors, (G, G)
+    correlation: np.ndarray  # correlation matrix of `covariance`, (G, G)
+    singular_values: np.ndarray  # of the Jacobian of the whitened residuals by z, largest first, (G,)
+    directions: np.ndarray  # right singular vectors in rows, one for each singular value, (G, G)
+    units: np.ndarray  # scale of each z for singular values and directions, (G,), see `variables.room`
+    flat: np.ndarray  # which directions the recordings contain no information on, (G,)
+    condition_number: float  # of the Jacobian with its columns scaled to unit length
+    residual_variance: float  # variance of the whitened residuals; 1 if the stated errors are right
+    freedom: float  # degrees of freedom of that variance, fewer if errors are correlated; intervals use Student's t
+    stated: np.ndarray  # covariance of z if errors correlate as `errors` says, from which intervals follow, (G, G)
+    whiteness: float  # correlation of successive residuals of one channel; 0 if independent
+    errors: Autoregression  # autocorrelation of the errors of one channel, estimated from the residuals
+    error_variance: float = 1.0  # variance of these errors, in units of the stated one
 
     @property
     def correlated(self) -> bool:
@@ -84,15 +66,9 @@ class Uncertainty:
         return self.directions[self.flat] * self.units / self.sizes
 
     def product(self, powers: Mapping[str, float], level: float = 0.95) -> tuple[float, tuple[float, float] | None]:
-        """Return a product of powers of positive parameters, such as k / m, and its interval; the interval is None if
-        the product is not determined.
-
-        A product can be determined although its parameters are not.
-
-        Args:
-            powers: Exponents by name, such as `{"whip.k": 1, "whip.m": -1}`.
-            level: Level of the interval.
-        """
+        """Return a product of powers of positive parameters, such as k / m for `{"whip.k": 1, "whip.m": -1}`, and its
+        interval at a level, None if the product is not determined. It can be determined although its parameters are
+        not."""
         weights = np.zeros(len(self.z))
         names = [v.name for v in self.variables]
         for name, power in powers.items():
@@ -114,19 +90,11 @@ def assess(
     *,
     values: Mapping[str, float] | None = None,
 ) -> Uncertainty:
-    """Return the uncertainty at the solution of a fit.
+    """Return the uncertainty of the shared unknowns z (G,) at the solution of a fit.
 
-    Args:
-        variables, z: The G shared unknowns and their values (G,).
-        blocks: Weighted residuals and derivatives of the data, followed by the rows that regularise a recording's own
-            unknowns.
-        channels: For each block the channel of each of its first K residuals, integers (K,).
-        times: For each block the times of these residuals [s], (K,).
-        prior: Rows of the prior on z, (m, G).
-        values: All parameters of the plant by name, on which the scale of an unknown may depend.
-
-    Raises:
-        InputError: The fit ended where the model diverges.
+    The blocks are weighted residuals and derivatives of the data, followed by the rows that regularise a recording's
+    own unknowns; each has the channels, integers (K,), and the times (K,) [s] of its first K residuals. The prior on z
+    has rows (m, G). The scale of an unknown may depend on `values`, all parameters of the plant by name.
     """
     G, units = len(z), room(variables, z, values or {})
     J = np.vstack([reduce(block)[1][:, :G] for block in blocks])
@@ -215,13 +183,8 @@ def _sandwich(
     freedom: float,
     prior: np.ndarray | None,
 ) -> tuple[Autoregression, float, float, np.ndarray]:
-    """How errors correlate, their variance and its degrees of freedom, and the covariance of z, (G, G).
-
-    Args:
-        blocks, channels, times, prior: As for `assess`.
-        root: R (G, directions seen) such that `R R'` is the covariance for independent errors.
-        variance, freedom: Variance and freedom of the residuals.
-    """
+    """How errors correlate, their variance and its degrees of freedom, and the covariance of z, (G, G). `root` is R (G,
+    directions seen) such that `R R'` is the covariance for independent errors; see `assess` for the others."""
     grids = [Grid.of(channel, t) for channel, t in zip(channels, times, strict=True)]
     seen, followed, rest = [], [], []
     for block, channel in zip(blocks, channels, strict=True):
@@ -292,14 +255,8 @@ class Parameter:
 def classify(
     uncertainty: Uncertainty, starts: Sequence[float], level: float = 0.95, *, withdrawn: bool = False
 ) -> list[Parameter]:
-    """Return every shared unknown with its class, error and interval.
-
-    Args:
-        uncertainty: Uncertainty at the best of the solutions.
-        starts: Starting value of each unknown.
-        level: Level of the intervals.
-        withdrawn: Whether the fit is invalid, so that all classes but `flat` and `at bound` become `withdrawn`.
-    """
+    """Return every shared unknown with its class, error and interval at a level; in a fit that is `withdrawn`, because
+    it is invalid, all classes but `flat` and `at bound` become `withdrawn`."""
     U = uncertainty
     errors, alone = np.sqrt(np.diag(U.stated)), _alone(U)
     half = stdtrit(U.freedom, (1 + level) / 2) * errors

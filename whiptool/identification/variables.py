@@ -41,13 +41,9 @@ _OF_SLIDES = {"friction": "N s/m", "armature": "kg", "torque_limit": "N"}
 
 
 def unit_of(name: str, slides: Sequence[bool] = ()) -> str:
-    """Return the unit of a parameter; empty if it has none.
-
-    Args:
-        name: Name of the parameter, such as `whip.k[3]`, `arm.com[0].x`, `profile.length`, `law.K[1]` or `delay`.
-        slides: Which joints of the arm are prismatic, (a,), as the unit of a gain depends on it: for two joints
-            `law.K[1]` is torque of joint 1 per position of joint 2. Empty: all are revolute.
-    """
+    """Return the unit of a parameter such as `whip.k[3]`, `arm.com[0].x`, `profile.length` or `delay`; empty if it has
+    none. That of a gain depends on which joints slide (default: none): `law.K[1]` of two joints is torque of joint 1
+    per position of joint 2."""
     group, dot, quantity = name.partition(".")
     group, quantity = (group, quantity) if dot else ("", name)
     symbol, _, rest = quantity.split(".")[0].partition("[")
@@ -163,11 +159,7 @@ def _quantity(name: str) -> str:
 
 def variable(name: str, value: float, bounds: tuple[float, float] | None = None, unit: str | None = None) -> Variable:
     """Return the solver's variable of a parameter with this name, starting value and bounds; the default unit is that
-    with revolute joints.
-
-    Raises:
-        InputError: The bounds are not ordered or the value has no logarithm.
-    """
+    with revolute joints."""
     quantity = _quantity(name)
     if bounds is not None and not bounds[0] < bounds[1]:
         raise InputError(f"bounds of {name}", bounds, "lower < upper")
@@ -217,11 +209,7 @@ class Prior:
         object.__setattr__(self, "covariance", covariance)
 
     def rows(self, variables: Sequence[Variable]) -> tuple[np.ndarray, np.ndarray]:
-        """Return `W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal a priori for the G variables z.
-
-        Raises:
-            InputError: A parameter of the prior is not free.
-        """
+        """Return `W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal a priori for G variables z."""
         at = {v.name: i for i, v in enumerate(variables)}
         for name in self.names:
             if name not in at:
@@ -238,15 +226,12 @@ class Prior:
 
 
 def room(variables: Sequence[Variable], z: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-    """Return the error of each unknown above which the unknown counts as not determined, in units of z, (G,).
+    """Return the error of each of the G unknowns above which it counts as not determined, in units of their values z,
+    (G,).
 
     For a positive parameter it is a factor of e, for a parameter that may be zero ten times its magnitude or its
     typical size, whichever is larger. An inertia about the centre of mass may become negligible, so that its logarithm
     has no effect; the value returned for it is at least the inertia of a rod with the link's mass and length.
-
-    Args:
-        variables, z: The G unknowns and their values (G,).
-        values: All parameters of the plant at z, by name.
     """
     return np.array([_room(v, float(x), values) for v, x in zip(variables, z, strict=True)])
 
@@ -267,11 +252,8 @@ def variables_of(
     bounds: Mapping[str, tuple[float, float]],
     units: Mapping[str, str],
 ) -> list[Variable]:
-    """Return the solver's variables of the parameters `names`, with starting values, bounds and units by name.
-
-    Raises:
-        InputError: Bounds are given for a parameter that is not free.
-    """
+    """Return the solver's variables of the parameters `names`, with starting values, bounds and units by name; bounds
+    of others are refused."""
     for name in bounds:
         if name not in names:
             raise InputError(f"bounds of {name}", bounds[name], "bounds of free parameters: " + ", ".join(names))

@@ -44,17 +44,10 @@ def default_limits(model: Model, *, prescribed: bool) -> list[Limits]:
 def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) -> list[Limits]:
     """Return the limits that options name.
 
-    Args:
-        named: `limits`: limits of the joints (`arm`), of a motor, or `none`; default: those of the joints, if they have
-            any. `keep_free`: fraction of the limits that stays unused. `floor`: its height [m], or `none`; default:
-            `default_floor`. `clearance`: least distance between arm, whip and floor [m]. `ignore_collisions`: whether
-            these may touch. `speed_limits`: largest speeds of points of the arm, as `elbow=1.5`, in addition to
-            those of the arm.
-        model, prescribed: As for `default_limits`.
-
-    Raises:
-        InputError: The arm has no such limits, its torques are not known, or `keep_free` or `clearance` is given
-            without limits.
+    `limits` names those of the joints (`arm`, the default if they have any), of a motor, or `none`; `keep_free` is the
+    fraction of them that stays unused. `floor` is its height [m], or `none` (default: `default_floor`), `clearance` the
+    least distance between arm, whip and floor [m], and with `ignore_collisions` these may touch. `speed_limits` are
+    largest speeds of points of the arm, as `elbow=1.5`, in addition to those of the arm.
     """
     name, found = named.get("limits"), []
     if name == "none":
@@ -84,12 +77,8 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
 
 
 def unchecked_by(limits: Sequence[Limits]) -> tuple[str, ...]:
-    """Return what limits leave unchecked of a robot's strike, in words; empty: nothing.
-
-    The limits of the joints always hold for the commanded path.
-
-    Args:
-        limits: Limits that strikes have to keep.
+    """Return what limits leave unchecked of a robot's strike, in words; empty: nothing. The limits of the joints always
+    hold for the commanded path.
     """
     distances = [x for x in limits if isinstance(x, Clearance)]
     found = {
@@ -103,11 +92,7 @@ def unchecked_by(limits: Sequence[Limits]) -> tuple[str, ...]:
 
 
 def floor_height(given: str | float) -> float | None:
-    """Return the height of a floor [m] as it is written, such as `-0.5`; None for `none`.
-
-    Raises:
-        InputError: The text is neither a number nor `none`, or the height is out of range.
-    """
+    """Return the height of a floor [m] as it is written, such as `-0.5`; None for `none`."""
     if given == "none":
         return None
     try:
@@ -118,15 +103,8 @@ def floor_height(given: str | float) -> float | None:
 
 
 def limits_given(given: Given | Literal["default"], model: Model, *, prescribed: bool) -> Given:
-    """Return the given limits as those of a model, or `default_limits` for "default".
-
-    Args:
-        given: One limit or several, None for none, or "default".
-        model: Model of arm and whip.
-        prescribed: Whether the joints follow their commanded paths exactly (position control).
-
-    Raises:
-        InputError: Another word is given.
+    """Return the given limits as those of a model, or `default_limits` for "default"; `prescribed` joints follow their
+    commanded paths exactly (position control).
     """
     if not isinstance(given, str):
         return [x.of_model(model) if isinstance(x, Limits) else x for x in AllLimits(given).members]
@@ -138,22 +116,15 @@ def limits_given(given: Given | Literal["default"], model: Model, *, prescribed:
 
 
 def distance_beyond(penalty: float, beyond: np.ndarray | float) -> np.ndarray | float:
-    """Return the miss distances [m] that a search counts for strikes that break limits: they increase from `penalty` at
-    no excess towards twice that, and so exceed every real miss.
-
-    Args:
-        penalty: A distance larger than any miss [m].
-        beyond: Excess of the strikes over their limits, 0 or more, any shape.
+    """Return the miss distances [m] that a search counts for strikes that exceed limits by `beyond` >= 0, any shape:
+    they increase from `penalty` [m], larger than any miss, towards twice that, and so exceed every real miss.
     """
     return penalty * (2 - 1 / (1 + beyond))
 
 
 class AllLimits:
-    """Combination of several limits, all of which a strike has to keep.
-
-    Args:
-        given: One limit or several; None: none.
-        by_joints: Whether strikes are in joint space; if not, no limit can be checked without simulation.
+    """Combination of several limits, all of which a strike has to keep; if strikes are not in joint space
+    (`by_joints`), no limit can be checked without simulation.
     """
 
     def __init__(self, given: Given, *, by_joints: bool = True) -> None:
@@ -210,11 +181,7 @@ class AllLimits:
         return np.clip(self.shortened(np.clip(strikes, lower, upper)), lower, upper)
 
     def narrowed(self, bounds: StrikeBounds) -> StrikeBounds:
-        """Return the part of a box of strikes that is within the position limits.
-
-        Raises:
-            InputError: No part of the box is within them, or the whip hangs on the floor in all of it.
-        """
+        """Return the part of a box of strikes that is within the position limits."""
         lower, upper = bounds.box
         for limits in self.members:
             if limits.positions is not None and self._by_joints:
@@ -249,20 +216,12 @@ class AllLimits:
         *,
         candidates: Sequence[int] | np.ndarray,
     ) -> tuple[np.ndarray, list[str]]:
-        """Return the excess of each strike over the limits, (B,), at most 0 within them, and the limit that it exceeds
-        most.
+        """Return the excess of each strike (B, 2 a + 1) over the limits, (B,), at most 0 within them, and the `judges`
+        of the limit that it exceeds most, (B,), without a meaning for strikes within all limits.
 
         A strike whose peak values exceed a limit is checked along its whole trajectory if peak values do not suffice.
-        Distances and speeds of points are checked for the candidates alone.
-
-        Args:
-            strikes: Strike vectors, (B, 2 a + 1).
-            near: Closest approaches of the strikes.
-            trajectory: Function that returns the whole trajectory of a strike (2 a + 1,).
-            candidates: Indices of all strikes that may be made if they keep the limits, such as hits.
-
-        Returns:
-            The excess, and the `judges` of the limits, (B,) strings without a meaning for strikes within all limits.
+        Distances and speeds of points are checked for the `candidates` alone: indices of all strikes that may be made
+        if they keep the limits, such as hits.
         """
         beyond, names = [np.zeros(len(strikes))], [COMMANDED]
         for limits in self.members:
@@ -288,11 +247,8 @@ class AllLimits:
         return any(limits.of_candidates for limits in self.members)
 
     def violation(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> float:
-        """Return the excess of a strike's whole trajectory over the limits; at most 0 within them.
-
-        Args:
-            trajectory: Trajectory of the strike.
-            strike: Commanded strike; None: limits of the command are not checked.
+        """Return the excess of a strike's whole trajectory over the limits, at most 0 within them; without the
+        commanded strike, limits of the command are not checked.
         """
         return self.judged_whole(trajectory, strike)[0]
 

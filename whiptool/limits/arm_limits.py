@@ -22,14 +22,8 @@ PERIOD = 1e-3  # [s] from one torque command to the next, of robots that limit i
 
 
 def torque_rates(t: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rates of change of torques over intervals of 1 ms.
-
-    Args:
-        t: Times [s], (T,), increasing.
-        tau: Torques of the arm's a joints [N m], (T, a), interpolated linearly.
-
-    Returns:
-        Times at the end of each millisecond (S,) [s], and rates (S, a) [N m/s]; S is 0 for a strike shorter than 1 ms.
+    """Return the ends of intervals of 1 ms [s], (S,), and the rates of change over them [N m/s], (S, a), of torques
+    (T, a) [N m] at increasing times (T,) [s], interpolated linearly; S is 0 for a strike shorter than 1 ms.
     """
     at = t[0] + PERIOD * np.arange(int((t[-1] - t[0]) / PERIOD + 1e-9) + 1)
     sampled = np.stack([np.interp(at, t, each) for each in tau.T], axis=1)
@@ -166,11 +160,8 @@ class ArmLimits(Limits):
         return float(worst) - 1.0
 
     def violation_of_peaks(self, near: Approach) -> np.ndarray:
-        """Return the excess over the limits from the peak values of each joint, which suffice since each limit concerns
-        one quantity.
-
-        Returns:
-            One number per strike, (B,) for an `Approach`; infinite if positions are limited but unknown.
+        """Return the excess over the limits from the peak values of each joint, (B,), which suffice since each limit
+        concerns one quantity; infinite if positions are limited but unknown.
         """
         v, tau = np.asarray(near.max_joint_speed), np.asarray(near.max_torque)
         positions = near.positions

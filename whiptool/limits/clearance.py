@@ -25,15 +25,11 @@ _BENDS = 4.0  # of the length over which a hanging whip bends downward from any 
 
 
 class HangingWhip:
-    """Constraint on the distance of the hanging whip from the floor before a strike.
+    """Constraint: before a strike the whip that hangs from an arm in space keeps the distance `least` [m] from the
+    floor.
 
     A heavy whip bends downward within a few times the length `sqrt(EI / (m g))`, with EI its largest bending stiffness
     and m g its weight. This length is subtracted, so that no feasible strike is excluded.
-
-    Args:
-        model: Model with an arm in space.
-        floor: Height of the floor [m].
-        least: Smallest allowed distance [m].
     """
 
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
@@ -90,14 +86,10 @@ SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for h
 
 
 class PathClearance:
-    """Constraints on the distances between links and from the floor for an arm without its whip, on the commanded path.
+    """Constraints: on the commanded path the links of an arm in space, without its whip, keep the distance `least` [m]
+    from each other and from the floor of a height [m]; None: no floor.
 
     The joints move along a straight line from `q_i` to `q_f`, so the path does not depend on the duration.
-
-    Args:
-        model: Model with an arm in space.
-        floor: Height of the floor [m]; None: no floor.
-        least: Smallest allowed distance [m].
     """
 
     def __init__(self, model: Model, floor: float | None = None, least: float = 0.0) -> None:
@@ -231,14 +223,8 @@ class Clearance(Limits):
         return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)
 
     def nearest(self, trajectory: Trajectory, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
-        """Return the closest pair of bodies over a strike and the time [s]; neighbouring links only if they overlap.
-
-        Args:
-            trajectory: Trajectory of the strike.
-            enough: Distance above which the exact value is not needed [m].
-
-        Returns:
-            The pair (None if nothing is compared), and the time.
+        """Return the closest pair of bodies over a strike (None if nothing is compared) and the time [s]; neighbouring
+        links only if they overlap. A distance above `enough` [m] need not be exact.
         """
         step = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else SAMPLED
         stride = max(1, int(SAMPLED / step + 1e-9))
@@ -271,12 +257,8 @@ class Clearance(Limits):
         return self._said(found, at)
 
     def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> Excess | None:
-        """Return a description of the body that an arm without its whip comes too close to on a path; None: it keeps
-        the clearance.
-
-        Args:
-            t: Times [s], (T,).
-            q: Positions of the arm's joints [rad or m], (T, a).
+        """Return a description of the body that an arm without its whip comes too close to on a path of joints (T, a)
+        [rad or m] at times (T,) [s]; None: it keeps the clearance.
         """
         found = self._nearest(q, self.least, self._scene_of_arm) if self.model.dimension == 3 else None
         if found is None or self._beyond(found) <= 0:
@@ -284,12 +266,8 @@ class Clearance(Limits):
         return self._said(found, t[found.instant])
 
     def above_floor(self, q: np.ndarray, model: Model) -> np.ndarray | None:
-        """Return how high above the floor a whip ends that hangs still from an arm [m], (T,): negative where it lies on
-        the floor; None: there is no floor, or the arm is in the plane.
-
-        Args:
-            q: Positions of the arm's joints [rad or m], (T, a).
-            model: Model of the whip that hangs.
+        """Return how high above the floor the model's whip ends while it hangs still from an arm in postures (T, a)
+        [rad or m], (T,) [m]: negative where it lies on the floor; None: there is no floor, or the arm is in the plane.
         """
         if self.floor is None or model.dimension == 2:
             return None
@@ -297,13 +275,9 @@ class Clearance(Limits):
         return hanging[..., 2].min(axis=1) - self.floor
 
     def whip_on_way(self, t: np.ndarray, q: np.ndarray, model: Model) -> Excess | None:
-        """Return a description of how low a whip comes that hangs still from an arm on a slow path; None: it keeps the
-        clearance from the floor. Where the path begins the whip may lie on the floor, until the arm has lifted it.
-
-        Args:
-            t: Times [s], (T,).
-            q: Positions of the arm's joints [rad or m], (T, a).
-            model: Model of the whip that hangs.
+        """Return a description of how low the model's whip comes while it hangs still from an arm on a slow path (T, a)
+        [rad or m]; None: it keeps the clearance from the floor. Where the path begins the whip may lie on the floor,
+        until lifted.
         """
         kept = self.above_floor(q, model)
         if kept is None:

@@ -31,17 +31,11 @@ class CommandLimits:
 
     The largest k-th derivative of a minimum-jerk path over a span in a duration D is span / D^k times 15/8, 10/sqrt(3)
     and 60 for k = 1, 2, 3. For limits of velocity that depend on the position, see `Slowing`.
-
-    Args:
-        joints: Limits of each joint; see `JointLimits`.
-        share: Fraction of the velocity limits that searches command; the rest allows for deviations of the joints from
-            the command.
-        slides: Indices of the prismatic joints, from 0; the others are revolute.
     """
 
-    joints: tuple[JointLimits, ...]
-    share: float = 1.0 - ROUNDING
-    slides: tuple[int, ...] = ()
+    joints: tuple[JointLimits, ...]  # limits of each joint; see `JointLimits`
+    share: float = 1.0 - ROUNDING  # fraction of the velocity limits for searches; the rest allows for deviations
+    slides: tuple[int, ...] = ()  # indices of the prismatic joints, from 0; the others are revolute
 
     @property
     def largest(self) -> np.ndarray:
@@ -52,13 +46,8 @@ class CommandLimits:
         return limits * np.array([[self.share], [1 - ROUNDING], [1 - ROUNDING]])
 
     def farthest(self, D: np.ndarray) -> np.ndarray:
-        """Return the largest movement that searches command for each joint in given durations [rad or m].
-
-        Args:
-            D: Durations [s], (B,).
-
-        Returns:
-            Largest movements, (B, a); infinite without a limit.
+        """Return the largest movement that searches command for each joint in durations (B,) [s], (B, a) [rad or m];
+        infinite without a limit.
         """
         powers = np.asarray(D, float)[:, None, None] ** np.array([1, 2, 3])[:, None]  # (B, 3, 1)
         return (self.largest * powers / _PEAKS[:, None]).min(axis=1)
@@ -69,13 +58,8 @@ class CommandLimits:
         return Slowing(self.joints)
 
     def spans(self, strikes: np.ndarray) -> np.ndarray:
-        """Return the largest movements downwards and upwards that searches command from the start of strikes.
-
-        Args:
-            strikes: Strike vectors, (B, 2 a + 1).
-
-        Returns:
-            Movements [rad or m], (B, 2, a), at least 0; infinite without a limit.
+        """Return the largest movements downwards and upwards that searches command from the start of strikes
+        (B, 2 a + 1), (B, 2, a) [rad or m], at least 0; infinite without a limit.
         """
         farthest = np.repeat(self.farthest(strikes[:, -1])[:, None], 2, axis=1)
         if len(which := self.slowing.which):
@@ -93,17 +77,12 @@ class CommandLimits:
         return np.hstack([q_i, np.clip(q_f, q_i - down, q_i + up), D])
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return smooth functions of a strike that are at most 0 if it keeps the limits for searches.
+        """Return smooth functions (m,) of a strike (2 a + 1,), which are at most 0 if it keeps the limits for searches,
+        and their derivatives (m, 2 a + 1).
 
         The functions are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit of the k-th
         derivative, whose largest value on a path of length and duration 1 is `peak`; and the movement minus the largest
         one, for each limit of velocity that depends on the position.
-
-        Args:
-            strike: Strike vector, (2 a + 1,).
-
-        Returns:
-            The functions (m,), and their derivatives (m, 2 a + 1).
         """
         a, D = len(self.joints), strike[-1]
         orders, joints = np.nonzero(np.isfinite(self.largest))
@@ -140,13 +119,8 @@ class CommandLimits:
 
     def usage(self, strikes: np.ndarray) -> np.ndarray:
         """Return the fraction of the limits of acceleration and jerk, and of the largest movement by limits of velocity
-        that depend on the position, that strikes use; above 1 they exceed it.
-
-        Args:
-            strikes: Strike vectors, (B, 2 a + 1).
-
-        Returns:
-            Usage by velocity, acceleration and jerk, (B, 3, a); 0 without a limit.
+        that depend on the position, that strikes (B, 2 a + 1) use, (B, 3, a), velocity first; above 1 they exceed it, 0
+        without a limit.
         """
         a, which = len(self.joints), self.slowing.which
         limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _FIELDS])

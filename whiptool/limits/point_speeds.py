@@ -26,12 +26,8 @@ _TRIES = 8  # times that a path is shortened; its points are then within the lim
 
 
 def point_speeds(arm: SpatialArm, names: Sequence[str], q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the speeds of points of an arm [m/s], (..., P).
-
-    Args:
-        arm: Arm with a joints.
-        names: Names of the P points, see `SpatialArm.points`.
-        q, v: Joint positions [rad or m] and speeds [rad/s or m/s], (..., a).
+    """Return the speeds [m/s], (..., P), of the P named points of an arm, see `SpatialArm.points`, at joint positions
+    [rad or m] and speeds [rad/s or m/s], (..., a).
     """
     frames, numbers = arm_frames(arm, q, v), [arm.points[name] for name in names]
     return np.stack([np.linalg.norm(frames[i].velocity, axis=-1) for i in numbers], axis=-1)
@@ -80,30 +76,18 @@ class PathSpeeds:
 
 @dataclass(frozen=True)
 class PointSpeeds(Limits):
-    """Limits of the speeds of points of an arm; checked on the commanded path, and on the motion of candidates.
+    """Limits of the speeds of points of an arm; checked on the commanded path, and on the motion of candidates."""
 
-    Args:
-        arm: Arm in space.
-        most: Names of points, see `SpatialArm.points`, and their largest speeds [m/s].
-    """
-
-    arm: SpatialArm
-    most: tuple[tuple[str, float], ...]
+    arm: SpatialArm  # in space
+    most: tuple[tuple[str, float], ...]  # points, see `SpatialArm.points`, and their largest speeds [m/s]
 
     judges: ClassVar[str] = "speed"
     by_peaks: ClassVar[bool] = True
 
     @classmethod
     def of(cls, arm: AnyArm, given: Sequence[str] = (), *, keep_free: float = 0.0) -> PointSpeeds | None:
-        """Return the limits of an arm, with the given limits in place of those of the arm; None without limits.
-
-        Args:
-            arm: The arm.
-            given: Limits as they are written, such as `elbow=1.5`.
-            keep_free: Fraction of every limit that must remain unused.
-
-        Raises:
-            InputError: A limit is written otherwise, or the arm has no such point.
+        """Return the limits of an arm, with the given limits, such as `elbow=1.5`, in place of those of the arm, and
+        the fraction `keep_free` of each unused; None without limits.
         """
         if not isinstance(arm, SpatialArm):
             if given:
@@ -150,11 +134,7 @@ class PointSpeeds(Limits):
 
 
 def speed(text: str, value: str) -> float:
-    """Return a speed [m/s] as it is written.
-
-    Raises:
-        InputError: It is not a number > 0.
-    """
+    """Return a speed [m/s] as it is written."""
     try:
         found = number_in(value)
     except ValueError:

@@ -32,19 +32,12 @@ WAY = 0.1  # [s] between the instants of the way at which the hanging whip is lo
 
 @dataclass(frozen=True, kw_only=True)
 class Execution:
-    """How a robot makes a strike.
+    """How a robot makes a strike."""
 
-    Args:
-        posture: Present positions of the robot's joints [rad or m], (n,); None: it stands at the strike's start.
-        rate: Samples per second [1/s]; None: those that the robot's controller takes, or 500 where they are unknown.
-        rest: Time at rest before the strike [s].
-        prefix: What the robot's controller has before each joint's name, such as `left_`.
-    """
-
-    posture: tuple[float, ...] | None = None
-    rate: float | None = None
-    rest: float = REST
-    prefix: str = ""
+    posture: tuple[float, ...] | None = None  # present joint positions [rad or m], (n,); None: the strike's start
+    rate: float | None = None  # samples per second [1/s]; None: the robot controller's, or 500 where unknown
+    rest: float = REST  # time at rest before the strike [s]
+    prefix: str = ""  # what the robot's controller has before each joint's name, such as `left_`
 
     def refused_posture(self, model: Model, limits: Sequence[Limits]) -> str | None:
         """Return why no strike is possible from the robot's present posture, in which the arm without its whip is too
@@ -60,19 +53,12 @@ class Execution:
     def of_strike(
         self, model: Model, strike: StrikePath, t_stay: float, limits: Sequence[Limits] = ()
     ) -> tuple[JointTrajectory, str | None]:
-        """Return the trajectory of a strike, and a description of what it exceeds.
+        """Return the trajectory of a strike and `t_stay` [s] after it, and a description of what it exceeds; None:
+        nothing.
 
-        It exceeds a limit of the joints, on it the arm comes too close to itself or the floor, or on the way to the
-        strike's start the hanging whip does to the floor; the motion of the whip in the strike is not checked.
-
-        Args:
-            model: Model of arm and whip, of an unknown whip its posterior mean; its arm's limits always count.
-            strike: The strike.
-            t_stay: Time after the strike [s].
-            limits: Further limits.
-
-        Raises:
-            InputError: A value is out of range, or the posture has another number of joints.
+        It exceeds a limit of the model's arm or a further one, on it the arm comes too close to itself or the floor, or
+        on the way to the strike's start the hanging whip does to the floor; the motion of the whip in the strike is not
+        checked. The model of an unknown whip is its posterior mean.
         """
         arm = model.arm
         joints = next((x.joints for x in limits if isinstance(x, ArmLimits)), arm.joint_limits)
@@ -107,12 +93,6 @@ class Execution:
     ) -> tuple[JointTrajectory, str | None]:
         """Return the trajectory of a strike and a description of what it exceeds as `of_strike` does, and judge the
         simulated strike, too.
-
-        Args:
-            model, strike, t_stay, limits: As for `of_strike`.
-
-        Raises:
-            InputError: As `of_strike`.
         """
         found, said = self.of_strike(model, strike, t_stay, limits)
         if said is None and limits:
@@ -132,11 +112,8 @@ def _followed(model: Model) -> CompiledRollout:
 
 
 def beginning(strike: StrikePath, trajectory: JointTrajectory, t_stay: float) -> float:
-    """Return the time of a trajectory [s] at which its strike begins, also of a strike that does not move.
-
-    Args:
-        strike, trajectory: The strike, and its trajectory.
-        t_stay: Time after the strike [s].
+    """Return the time of a trajectory [s] at which its strike begins, also of a strike that does not move; `t_stay` is
+    the time after the strike [s].
     """
     step = float(trajectory.t[1])
     after = sum(math.ceil(span / step - 1e-9) for span in (strike.D, t_stay))

@@ -16,17 +16,11 @@ _FINER = (1 / 32, 1 / 64, 1 / 256, 1 / 1024, 1 / 4096, 1 / 8192)  # distances of
 
 
 class Reach(NamedTuple):
-    """Largest movements of k joints, downwards and upwards, and their derivatives; (B, 2, k) each.
+    """Largest movements of k joints, downwards and upwards, and their derivatives; (B, 2, k) each."""
 
-    Args:
-        span: Largest movements [rad or m], at least 0.
-        by_distance: Derivatives by the distance of the start from the end of the range that the joint moves to.
-        by_duration: Derivatives by the duration [rad/s or m/s].
-    """
-
-    span: np.ndarray
-    by_distance: np.ndarray
-    by_duration: np.ndarray
+    span: np.ndarray  # largest movements [rad or m], at least 0
+    by_distance: np.ndarray  # derivatives by the start's distance from the end of the range to which the joint moves
+    by_duration: np.ndarray  # derivatives by the duration [rad/s or m/s]
 
 
 class Slowing:
@@ -35,13 +29,8 @@ class Slowing:
     After a fraction s of its duration D, a path over a span x has moved by x m(s) with the velocity x w(s) / D. At the
     distance r of its start from the end of the range it keeps the limit if, for all s,
     `(x w(s) / D + o)^2 <= 2 d (r - x m(s))`, with d the deceleration and o the sum of offset and margin. For each s the
-    largest such x is the root of a quadratic equation; the least of them is the largest movement.
-
-    Args:
-        joints: Limits of each joint.
-
-    Attributes:
-        which: Indices of the k joints whose limits of velocity depend on the position.
+    largest such x is the root of a quadratic equation; the least of them is the largest movement. `which` are the
+    indices of the k joints with such limits.
     """
 
     def __init__(self, joints: Sequence[JointLimits]) -> None:
@@ -53,11 +42,8 @@ class Slowing:
         self._o = np.array([joint.velocity_offset + joint.velocity_margin for joint in chosen])
 
     def reach(self, strikes: np.ndarray, share: float) -> Reach:
-        """Return the largest movements of the joints in `which`.
-
-        Args:
-            strikes: Strike vectors, (B, 2 a + 1).
-            share: Fraction of the velocity limits to use.
+        """Return the largest movements of the joints in `which` for strikes (B, 2 a + 1) that use a share of the
+        velocity limits.
         """
         q_i, D = strikes[:, self.which], strikes[:, -1]
         r = np.stack([q_i - self._ends[0], self._ends[1] - q_i], axis=1)  # (B, 2, k)

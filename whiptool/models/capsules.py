@@ -15,13 +15,8 @@ from whiptool.models.numbers import number, numbers
 def nearest_points(
     start: np.ndarray, end: np.ndarray, other_start: np.ndarray, other_end: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest points of pairs of segments, (..., 3) each; segments may be points.
-
-    Ericson, Real-Time Collision Detection (2005), section 5.1.9.
-
-    Args:
-        start, end: Start and end of the first segment of each pair [m], (..., 3).
-        other_start, other_end: Start and end of the second segment [m], (..., 3).
+    """Return the nearest points of pairs of segments, by their starts and ends [m], all (..., 3); segments may be
+    points (Ericson, Real-Time Collision Detection, 2005, section 5.1.9).
     """
     along, other_along, between = end - start, other_end - other_start, start - other_start
     a, e, b = _dot(along, along), _dot(other_along, other_along), _dot(along, other_along)
@@ -55,29 +50,15 @@ THINNEST = 5e-4  # [m] half of a thing that has no thickness
 
 @dataclass(frozen=True)
 class Capsule:
-    """A capsule, i.e. all points within a radius of a segment; or a cylinder, box or convex hull inside it.
+    """A capsule, i.e. all points within a radius of a segment; or a cylinder, box or convex hull inside it."""
 
-    Args:
-        start, end: Start and end of the segment in the frame of its link [m], (3,) each; a sphere if they are equal.
-        radius: Radius [m].
-        flat: Whether the shape is the cylinder without round ends.
-        width: For a box along the segment, the half vector of one of its sides across [m], (3,); the other side is such
-            that the edges are at the radius. None: no box.
-        hull: Corners of the convex hull that the capsule holds, in its link's frame [m], (V, 3); none: no hull.
-        name: Name of a thing that stands next to the robot, such as a table; empty for parts of the robot.
-
-    Raises:
-        InputError: A number is not finite, the radius is negative, a cylinder or box has no length, or the width is not
-            perpendicular to the segment or is longer than the radius.
-    """
-
-    start: Point
-    end: Point
-    radius: float
-    flat: bool = False
-    width: Point | None = None
-    hull: tuple[Point, ...] = ()
-    name: str = ""
+    start: Point  # start of the segment in the frame of its link [m], (3,)
+    end: Point  # end of the segment [m], (3,); a sphere if it is the start
+    radius: float  # [m]
+    flat: bool = False  # whether the shape is the cylinder without round ends
+    width: Point | None = None  # half vector of a box's side across the segment [m]; the box's edges are at the radius
+    hull: tuple[Point, ...] = ()  # corners of the convex hull inside, in its link's frame [m], (V, 3); none: no hull
+    name: str = ""  # of a thing that stands next to the robot, such as a table; empty for parts of the robot
 
     def __post_init__(self) -> None:
         for name in ("start", "end"):
@@ -143,9 +124,7 @@ class Capsule:
 
     @property
     def rotation(self) -> np.ndarray:
-        """Rotation (3, 3) of the shape in the link's frame: its last axis is along the segment, its first along a box's
-        width.
-        """
+        """Rotation (3, 3) of the shape in its link's frame: last axis along the segment, first along a box's width."""
         length = self.length
         z = np.subtract(self.end, self.start) / length if length else np.array([0.0, 0.0, 1.0])
         x = np.eye(3)[np.abs(z).argmin()] if self.width is None else np.array(self.width)
@@ -167,13 +146,8 @@ class Capsule:
     def along(
         cls, rotation: np.ndarray, position: np.ndarray, half: float, radius: float, *, flat: bool = False
     ) -> Capsule:
-        """Return the capsule, or cylinder, around the z axis of a frame.
-
-        Args:
-            rotation, position: Rotation (3, 3) and position (3,) [m] of the frame in the link's frame.
-            half: Half the length of the segment, which is centred at the frame's origin [m].
-            radius: Radius [m].
-            flat: Whether it is a cylinder.
+        """Return the capsule or, with `flat`, the cylinder around the z axis of a frame, with its rotation (3, 3) and
+        position (3,) [m] in the link's frame; its segment extends by `half` [m] from there to either side.
         """
         reach = half * np.asarray(rotation)[:, 2]
         ends = tuple((position - reach).tolist()), tuple((position + reach).tolist())
@@ -181,11 +155,8 @@ class Capsule:
 
     @classmethod
     def around_box(cls, rotation: np.ndarray, position: np.ndarray, halves: np.ndarray) -> Capsule:
-        """Return a box with the capsule around it, along its longest side.
-
-        Args:
-            rotation, position: Rotation (3, 3) and position (3,) [m] of the box in the link's frame.
-            halves: Half lengths of the sides [m], (3,).
+        """Return a box with sides of half lengths `halves` (3,) [m], with the capsule around it along its longest side;
+        rotation (3, 3) and position (3,) [m] of the box are in the link's frame.
         """
         longest = int(np.argmax(halves))
         across = float(np.linalg.norm(np.delete(halves, longest)))
@@ -223,11 +194,7 @@ def _convex(points: np.ndarray) -> Any:
 
 
 def checked_capsules(name: str, given: object) -> tuple[Capsule, ...]:
-    """Return capsules as a tuple.
-
-    Raises:
-        InputError: An entry is not a capsule.
-    """
+    """Return capsules as a tuple; an entry that is not a capsule is refused."""
     if not isinstance(given, (list, tuple)) or not all(isinstance(x, Capsule) for x in given):
         raise InputError(name, given, "capsules, each a Capsule")
     return tuple(given)

@@ -7,26 +7,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Excess:
-    """What is beyond a limit, and when; as a string a sentence such as `at 0.300 s the arm is 5 mm below the floor`.
+    """What is beyond a limit, and when; as a string a sentence such as `at 0.300 s the arm is 5 mm below the floor`."""
 
-    Args:
-        words: What is beyond which limit.
-        t: The instant [s]; None: there is no single one.
-        overlap: Whether two shapes are inside each other, which may be so by the model's file alone.
-    """
-
-    words: str
-    t: float | None = None
-    overlap: bool = False
+    words: str  # what is beyond which limit
+    t: float | None = None  # the instant [s]; None: there is no single one
+    overlap: bool = False  # whether two shapes are inside each other, which may be so by the model's file alone
 
     def __str__(self) -> str:
         return self.words if self.t is None else f"at {self.t:.3f} s {self.words}"
 
     def by_parts(self, begins: float) -> str:
-        """Return the sentence with the instant on the way to a strike's start, or in the strike.
-
-        Args:
-            begins: Time at which the strike begins [s].
+        """Return the sentence with the instant on the way to a strike's start, or in the strike, which begins at
+        `begins` [s].
         """
         if self.t is None:
             return self.words

@@ -33,11 +33,7 @@ FASTEST_TURN = 50.0  # [rad/s]; no joint of an arm is faster
 
 
 def read_robot(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
-    """Read an arm from a robot's file, URDF or MJCF.
-
-    Raises:
-        InputError: The file is neither URDF nor MJCF, or `read_urdf` or `read_mjcf` refuses it.
-    """
+    """Read an arm from a robot's file in URDF or MJCF, see `read_urdf` and `read_mjcf`."""
     path = Path(path)
     if path.suffix.lower() == ".urdf":
         from whiptool.models.urdf import read_urdf
@@ -51,19 +47,10 @@ def read_robot(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
 
 def robot_looks(name: str | PathLike[str], arm: AnyArm, *, tip: str = "") -> list[Look] | None:
-    """Return what a robot looks like: visual shapes of the base and of each link that moves, in their frames, (a + 1,).
+    """Return the visual shapes of a robot's base and moving links, in their frames, (a + 1,); None if it has none.
 
-    Args:
-        name: Name of a preset or path of a file, as for `load_model`: shapes are those of a robot's URDF or MJCF file,
-            or of the file that a model's TOML file names. Meshes of a URDF whose files are missing are left out.
-        arm: The arm that was read from it, as it is mounted and with its stick, which has no visual shape.
-        tip: As for `load_model`.
-
-    Returns:
-        The shapes; None if no robot's file is named, or it has no visual shapes.
-
-    Raises:
-        InputError: The robot's file, or a mesh in it, cannot be read.
+    `name` and `tip` are as for `load_model`; `arm` is what was read from it, as it is mounted and with its stick, which
+    has no visual shape. Meshes of a URDF whose files are missing are left out.
     """
     path, choice = Path(name), ArmChoice(tip=tip)
     if path.suffix.lower() == ".toml":
@@ -102,16 +89,8 @@ def _units_asked(arm: SpatialArm) -> SpatialArm:
 
 
 def arm_from_table(table: object, folder: Path) -> AnyArm:
-    """Return the arm that a table describes: by its links, or by a robot's `file` and the choice of a chain in it.
-
-    Links in space have a `position`; those in the plane have none.
-
-    Args:
-        table: Table of an arm.
-        folder: Folder to which `file` is relative.
-
-    Raises:
-        InputError: A key is unknown or missing, or a value is not allowed; the key is named.
+    """Return the arm that a table describes: by its links, in space with a `position` each, in the plane without; or by
+    a robot's `file`, relative to `folder`, and the choice of a chain in it.
     """
     if not isinstance(table, Mapping):
         return build_from(ArmParameters, table, "arm.")
@@ -239,14 +218,7 @@ ROUND = ("youngs_modulus", "diameter", "density")  # of a round whip, which give
 
 def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     """Return a model from nested mappings, as in TOML; with `whip.profile` and `whip.N` the nodes are computed from a
-    profile.
-
-    Args:
-        table: Table of a model.
-        folder: Folder to which the arm's file is relative, if the table names one.
-
-    Raises:
-        InputError: A key is unknown or missing, or a value is not allowed; the key is named.
+    profile. The arm's file, if one is named, is relative to `folder`.
     """
     if not isinstance(table, Mapping):
         raise InputError("model", table, "a table")

@@ -30,14 +30,9 @@ from whiptool.models.strike import HandStrike, JointSpace, StrikeBounds, check_t
 class HandWay:
     """Straight paths of the hand between two poses, with the shortest rotation in space; all in the base's frame.
 
-    Args:
-        kinematics: Kinematics of the hand.
-        ends: The m coordinates of the hand at the start and at the end, see `HandKinematics`, (..., 2, m).
-
-    Attributes:
-        start: Pose at the start: position (..., 3) [m] and rotation (..., 3, 3).
-        moves: Displacement from start to end [m], (..., 3).
-        turns: Rotation vector from start to end [rad], (..., 3); zero without orientation.
+    `ends` (..., 2, m) are the coordinates of the hand at the start and at the end, see `HandKinematics`. `start` is the
+    pose at the start; `moves` [m] and `turns` [rad], (..., 3) each, are the displacement and the rotation vector from
+    there to the end, `turns` zero without orientation.
     """
 
     def __init__(self, kinematics: HandKinematics, ends: np.ndarray) -> None:
@@ -67,10 +62,8 @@ class HandWay:
         return HandPose(place, turned @ self.start.rotation[..., None, :, :])
 
     def slopes(self, share: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the hand's pose at fractions (K,) of the path by the coordinates in `ends`.
-
-        The shape is (..., K, m, 2 m), with the coordinates of the start first; rows of the orientation are rotations in
-        the base's axes [rad].
+        """Return the derivatives (..., K, m, 2 m) of the hand's pose at fractions (K,) of the path by the coordinates
+        in `ends`, the start's first; rows of the orientation are rotations in the base's axes [rad].
         """
         d, m = self.kinematics.dimension, self.kinematics.size
         slopes = np.zeros((*self._ends.shape[:-2], len(share), m, 2 * m))
@@ -84,10 +77,8 @@ class HandWay:
         return slopes
 
     def turn_slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the start's rotation and of `turns` by the orientation's coordinates of start and
-        end.
-
-        The shape is (..., 3, 2 r) each, with r orientation coordinates.
+        """Return the derivatives of the start's rotation and of `turns` by the r orientation coordinates of the start,
+        then of the end, (..., 3, 2 r) each.
         """
         d, r = self.kinematics.dimension, self.kinematics.size - self.kinematics.dimension
         spins = self.kinematics.rows[d:, 3:].T @ self.kinematics.spins(self._ends)[..., d:, d:]  # (..., 2, 3, r)
@@ -98,9 +89,8 @@ class HandWay:
         return of_start, np.linalg.solve(turning(self.turns), left)
 
     def start_slopes(self) -> np.ndarray:
-        """Return the derivatives of the start's rotation matrix by the orientation's coordinates of start and end.
-
-        The shape is (..., 3, 3, 2 r), with r orientation coordinates.
+        """Return the derivatives (..., 3, 3, 2 r) of the start's rotation matrix by the r orientation coordinates of
+        the start, then of the end.
         """
         assert self.start.rotation is not None
         of_start, _ = self.turn_slopes()
@@ -115,12 +105,8 @@ TO_POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, DEGREE - i)) for i, r
 
 
 class HandPath:
-    """Path of an arm's a joints for a strike in hand space: the hand follows its straight path.
-
-    Args:
-        strike: Strike of the hand.
-        nodes: Joint positions at the interpolation nodes of the hand's path, (DEGREE + 1, a).
-        way: Path of the hand.
+    """Path of an arm's a joints for a strike in hand space: the hand follows its straight path `way`, at whose
+    interpolation nodes the joint positions are `nodes`, (DEGREE + 1, a).
     """
 
     def __init__(self, strike: HandStrike, nodes: np.ndarray, way: HandWay) -> None:
@@ -137,10 +123,8 @@ class HandPath:
         return q, by_s * ds, twice * ds**2 + by_s * dds
 
     def hand(self, t: float | np.ndarray) -> tuple[HandPose, np.ndarray]:
-        """Return the desired pose of the hand at times t [s], and its velocity [m/s] and angular velocity [rad/s],
-        (*t.shape, m); Eq. 1.
-
-        The pose is a position (*t.shape, 3) [m] and a rotation (*t.shape, 3, 3) in the base's frame.
+        """Return the desired pose of the hand at times t [s], position (*t.shape, 3) [m] and rotation (*t.shape, 3, 3)
+        in the base's frame, and its velocity [m/s] and angular velocity [rad/s], (*t.shape, m); Eq. 1.
         """
         s, ds, _ = eased(np.asarray(t, float), self.D)
         place, rotation = self.way.at(np.ravel(s))
@@ -148,16 +132,11 @@ class HandPath:
         return HandPose(place.reshape(*s.shape, 3), rotation), ds[..., None] * self.way.motion
 
     def errors(self, t: float | np.ndarray, hand: HandMotion, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the errors of the hand's pose and of its velocity, desired minus present, from which a control law
-        computes forces.
+        """Return the errors of the hand's pose and of its velocity at times t [s], desired minus present, from which a
+        control law computes forces.
 
-        Both are (*t.shape, m), in the m coordinates along the base's axes: position [m], and with orientation
-        `rotation_left` [rad]; velocity [m/s] and angular velocity [rad/s].
-
-        Args:
-            t: Times [s], any shape.
-            hand: Present pose of the hand at these times.
-            speed: Present velocity [m/s] and angular velocity [rad/s] of the hand in the m coordinates, (*t.shape, m).
+        Both are (*t.shape, m), as is the present `speed` of the hand: position [m], and with orientation
+        `rotation_left` [rad]; velocity [m/s] and angular velocity [rad/s] along the base's axes.
         """
         wanted, motion = self.hand(t)
         left = wanted.place - hand.position
@@ -166,10 +145,8 @@ class HandPath:
 
 
 def hand_poses(kinematics: HandKinematics, q: np.ndarray) -> np.ndarray:
-    """Return the poses of the hand in the base's frame for a sequence of joint positions (T, a), (T, 7).
-
-    A pose is position x, y, z [m] and unit quaternion x, y, z, w with a continuous sign. For a planar arm the plane is
-    vertical: y is 0.
+    """Return the poses of the hand for joint positions (T, a), (T, 7): position x, y, z [m] in the base's frame and
+    unit quaternion x, y, z, w with a continuous sign. A planar arm moves in the vertical plane y = 0.
     """
     at = kinematics.motion(q)
     quaternions = quaternion_of(at.rotation)
@@ -193,13 +170,8 @@ def hand_layout(a: int, dimension: int, *, orientation: bool, led: bool) -> dict
     """Return name and size of every block of a hand strike's parameters for simulators, in order.
 
     `x_i` and `x_f` are the hand's positions at the start and the end; in space `R_i` is its rotation matrix at the
-    start, row by row, and `turns` the rotation vector from there to the end.
-
-    Args:
-        a: Number of joints of the arm.
-        dimension: 2 in the plane, 3 in space.
-        orientation: Whether strikes prescribe the hand's orientation.
-        led: Whether the joints follow the hand's path exactly (position control).
+    start, row by row, and `turns` the rotation vector from there to the end. With `led` the arm's a joints follow the
+    hand's path exactly (position control).
     """
     if led:
         return {"q_i": a, "path": a * (DEGREE + 1), "D": 1}
@@ -224,17 +196,9 @@ class HandSpace:
     """Strikes in m coordinates of the hand: its position and, if strikes prescribe it, its orientation.
 
     A strike is a vector `[x_i, x_f, D]`, (2 m + 1,): coordinates at the start and at the end, and the duration. The arm
-    takes the posture with the given hand pose that is nearest to its home posture.
-
-    Args:
-        arm: Arm in the plane or in space.
-        posture: The home posture [rad or m], (a,); default: see `home_posture`.
-        orientation: Whether strikes prescribe the hand's orientation, relative to that in the home posture.
-        led: Whether the joints follow the hand's path exactly (position control).
-
-    Raises:
-        InputError: The posture is of another arm or in degrees, or the arm has too few joints for the hand's
-            coordinates.
+    takes the posture with the given hand pose that is nearest to the home posture, `posture` (a,) [rad or m] or by
+    default `home_posture`, to which the orientation is relative. With `led` the joints follow the hand's path exactly
+    (position control).
     """
 
     def __init__(
@@ -322,22 +286,13 @@ class HandSpace:
         return HandStrike.from_vector(vector)
 
     def path(self, vector: np.ndarray) -> HandPath:
-        """Return the path of the arm's joints for a strike (2 m + 1,).
-
-        Raises:
-            InputError: The hand cannot reach its start or end, or there is no straight path within the joints' limits.
-        """
+        """Return the path of the arm's joints for a strike (2 m + 1,); one that the arm cannot do is refused."""
         found = self._solved(vector[None])
         self._refuse(found, vector[None])
         return HandPath(self.strike(vector), found.nodes[0], HandWay(self.kinematics, self._ends(vector)))
 
     def numbers(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the parameters of strikes (B, 2 m + 1) for simulators, (B, P), in the order of `layout`.
-
-        Raises:
-            InputError: The hand cannot reach the start or end of a strike, or has no straight path within the joints'
-                limits.
-        """
+        """Return the parameters of strikes (B, 2 m + 1) for simulators, (B, P), in the order of `layout`."""
         found, B, (m, d) = self._solved(vectors), len(vectors), (self.size, self.arm.dimension)
         self._refuse(found, vectors)
         if self.led:
@@ -348,10 +303,7 @@ class HandSpace:
         return np.hstack([*blocks, vectors[:, -1:]])
 
     def slopes(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the result of `numbers` by the coordinates of strikes (B, 2 m + 1).
-
-        The shape is (B, P, 2 m + 1), with P parameters of the simulator per strike and m coordinates of the hand.
-        """
+        """Return the derivatives of `numbers` by the coordinates of strikes (B, 2 m + 1), (B, P, 2 m + 1)."""
         found, (B, width), (m, d) = self._solved(vectors), vectors.shape, (self.size, self.arm.dimension)
         by_vector = np.zeros((B, DEGREE + 1, self.arm.n, width))
         by_vector[..., : 2 * m] = found.slopes @ found.way.slopes(NODES)
@@ -370,9 +322,7 @@ class HandSpace:
         return np.concatenate([*blocks, identity[:, -1:]], axis=1)
 
     def beyond(self, vectors: np.ndarray) -> np.ndarray:
-        """Return how far strikes (B, 2 m + 1) are from feasible, (B,): a dimensionless violation, 0 for feasible
-        strikes.
-        """
+        """Return how far strikes (B, 2 m + 1) are from feasible, (B,), dimensionless; 0 for feasible strikes."""
         found = self._solved(vectors)
         return found.reach + found.on_way + found.limits
 
@@ -459,15 +409,9 @@ def home_posture(arm: AnyArm, *, orientation: bool = False) -> np.ndarray:
     """Return the default home posture of an arm in hand space [rad or m], (a,).
 
     Candidates have joints at the middle of the arm's default bounds, or one or two steps to either side: 45 degrees
-    each, or a fifth of the joint's range if that is less. The best has the largest product of the Jacobian's smallest
-    singular value and the hand's forward distance; of several, the one nearest to the middle is taken.
-
-    Args:
-        arm: The arm.
-        orientation: Whether the Jacobian includes the hand's rotation, for strikes that prescribe the hand's pose.
-
-    Raises:
-        InputError: The arm has no default bounds; an example is a planar arm of three joints.
+    each, or a fifth of the joint's range if that is less. The best has the largest product of the smallest singular
+    value of the Jacobian (with the hand's rotation if `orientation`) and the hand's forward distance; of several, the
+    one nearest to the middle is taken.
     """
     try:
         box = default_bounds(arm)

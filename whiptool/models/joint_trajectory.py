@@ -301,13 +301,8 @@ _AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def free_hand(turned: np.ndarray) -> SpatialArm:
-    """Return a virtual arm whose last link is a hand.
-
-    It has three prismatic joints for the position of the hand and three revolute joints about z, y and x for its
-    orientation.
-
-    Args:
-        turned: Rotation matrix of the hand with all joints at 0, (3, 3).
+    """Return a virtual arm with three prismatic joints for the position of its hand and three revolute joints about z,
+    y and x for its orientation; with all joints at 0 its rotation matrix is `turned`, (3, 3).
     """
     slides = [_link(axis, JointLimits((-_FARTHEST, _FARTHEST)), "prismatic") for axis in _AXES]
     first = _link(_AXES[2], JointLimits(), rotation=turned)
@@ -318,14 +313,9 @@ def free_hand(turned: np.ndarray) -> SpatialArm:
 def hand_joints(poses: np.ndarray) -> tuple[SpatialArm, np.ndarray]:
     """Return a virtual arm for a sequence of hand poses, and its joint positions [m, rad], (S, 6), without jumps.
 
-    With all joints at 0, the arm's hand has one of the 24 orientations of a cube, chosen such that the poses stay
-    farthest from gimbal lock. If none is far enough, the cube is rotated to the hand's mean orientation.
-
-    Args:
-        poses: Position [m] and unit quaternion (x, y, z, w) of the hand in the base's frame, (S, 7).
-
-    Raises:
-        InputError: The hand rotates so far that gimbal lock cannot be avoided.
+    With all joints at 0, the arm's hand has one of the 24 orientations of a cube, chosen such that the poses (S, 7),
+    each a position [m] and a unit quaternion x, y, z, w in the base's frame, stay farthest from gimbal lock. If none is
+    far enough, the cube is rotated to the hand's mean orientation.
     """
     turned = Rotation.from_quat(poses[:, 3:])
     cube = Rotation.create_group("O").as_matrix().round()

@@ -61,19 +61,12 @@ def turning(vector: np.ndarray) -> np.ndarray:
 
 
 class MovingFrame(NamedTuple):
-    """A frame and its motion, for many states at once, in the base's axes.
+    """A frame and its motion, for many states at once, in the base's axes."""
 
-    Args:
-        origin: Origin [m], (..., 3).
-        rotation: Rotation of the frame, (..., 3, 3).
-        velocity: Velocity of the origin [m/s], (..., 3).
-        spin: Angular velocity [rad/s], (..., 3).
-    """
-
-    origin: np.ndarray
-    rotation: np.ndarray
-    velocity: np.ndarray
-    spin: np.ndarray
+    origin: np.ndarray  # [m], (..., 3)
+    rotation: np.ndarray  # (..., 3, 3)
+    velocity: np.ndarray  # velocity of the origin [m/s], (..., 3)
+    spin: np.ndarray  # angular velocity [rad/s], (..., 3)
 
     def carried(self, position: Sequence[float] | np.ndarray) -> MovingFrame:
         """Return the frame moved to a point that is fixed in it, (3,) [m]."""
@@ -113,12 +106,8 @@ def _cross_matrix(axis: Sequence[float] | np.ndarray) -> np.ndarray:
 
 
 def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> list[MovingFrame]:
-    """Return the frame of every link, after its joint, and last the hand's.
-
-    Args:
-        arm: Arm with a joints.
-        q: Joint positions [rad or m], (..., a).
-        v: Joint speeds [rad/s or m/s], (..., a); default: at rest.
+    """Return the frame of every link, after its joint, and last the hand's, at joint positions q [rad or m] and speeds
+    v [rad/s or m/s], (..., a) each; default: at rest.
     """
     q = np.asarray(q, float)
     v = np.zeros_like(q) if v is None else np.asarray(v, float)
@@ -134,14 +123,8 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
 
 
 def arm_poses(arm: SpatialArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses of every link's frame and, last, of the hand's, as `arm_frames` but without velocities.
-
-    Args:
-        arm: Arm with a joints.
-        q: Joint positions [rad or m], (T, a).
-
-    Returns:
-        Origins [m], (T, a + 1, 3); rotations, (T, a + 1, 3, 3).
+    """Return the origins [m], (T, a + 1, 3), and rotations, (T, a + 1, 3, 3), of every link's frame and, last, of the
+    hand's, at joint positions q [rad or m], (T, a).
     """
     T = len(q)
     origins, rotations = np.empty((T, arm.n + 1, 3)), np.empty((T, arm.n + 1, 3, 3))
@@ -210,12 +193,8 @@ def _hinges(lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarr
 def whip_motion(
     model: Model, hand: MovingFrame, q: np.ndarray, v: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions [m] and velocities [m/s] of the nodes of a whip in space, (..., N, 3) each.
-
-    Args:
-        model: Model with the whip.
-        hand: The hand's frame.
-        q, v: Positions and rates of the whip's joints, as in `chain_motion` without the arm's; v's default: at rest.
+    """Return positions [m] and velocities [m/s] of the nodes of a whip in space, (..., N, 3) each, for the hand's frame
+    and the positions q and rates v (default: at rest) of the whip's joints, as in `chain_motion` without the arm's.
     """
     v, lengths, hinges = np.zeros_like(q) if v is None else v, model.whip.per_node("l"), model.whip.kind.hinges
     if not hinges:
@@ -225,12 +204,8 @@ def whip_motion(
 
 
 def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the positions of the nodes of a whip in space [m], (T, N, 3).
-
-    Args:
-        model: Model with the whip.
-        origin, rotation: Origin and rotation of the hand's frame, (T, 3) and (T, 3, 3).
-        q: Positions of the whip's joints, as in `chain_motion` without the arm's.
+    """Return the positions of the nodes of a whip in space [m], (T, N, 3), for origins (T, 3) [m] and rotations (T, 3,
+    3) of the hand's frame and positions q of the whip's joints, as in `chain_motion` without the arm's.
     """
     if not model.whip.kind.hinges:
         steps = q.reshape(len(q), -1, 3) * model.whip.per_node("l")[:, None]
@@ -242,13 +217,8 @@ def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.nd
 def hinged_frames(
     hand: MovingFrame, lengths: np.ndarray, hinges: Sequence[Sequence[float]], q: np.ndarray, v: np.ndarray
 ) -> list[MovingFrame]:
-    """Return the frames at the N nodes of a whip whose links are connected by hinges.
-
-    Args:
-        hand: The frame of the hand, for states of any shape (...).
-        lengths: Lengths of the links [m], (N,).
-        hinges: Axes of each node's h hinges, (h, 3).
-        q, v: Positions and speeds of the hinges [rad, rad/s], (..., h N).
+    """Return the frames at the N nodes of a whip whose links, of lengths (N,) [m], are connected by h hinges each,
+    about axes (h, 3), for the hand's frame and the hinges' positions q and speeds v [rad, rad/s], (..., h N).
     """
     frame, frames = hand, []
     for i, length in enumerate(lengths):
@@ -267,11 +237,8 @@ def _rods(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) 
 
 
 def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
-    """Convert rod coordinates (..., a + 3 N) to those of universal joints with the same directions, (..., a + 2 N).
-
-    Args:
-        arm: Arm with a joints.
-        q: The arm's joint positions, then the directions of N rods in the base's axes, not necessarily unit vectors.
+    """Convert positions of an arm's a joints and directions of N rods in the base's axes, not necessarily unit vectors,
+    (..., a + 3 N), to coordinates of universal joints with the same directions, (..., a + 2 N).
     """
     a, frame = arm.n, arm_frames(arm, q[..., : arm.n])[-1]
     angles, rest = [q[..., :a]], np.zeros(q.shape[:-1])
@@ -286,11 +253,8 @@ def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
 
 
 def hanging_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
-    """Return the angles (..., 2) [rad] of the first universal joint with which the whip hangs straight down.
-
-    Args:
-        arm: Arm with a joints.
-        q: Joint positions of the arm [rad or m], (..., a).
+    """Return the angles (..., 2) [rad] of the first universal joint with which the whip hangs straight down, at joint
+    positions q [rad or m] of the arm, (..., a).
     """
     down = -arm_frames(arm, q)[-1].rotation[..., 2, :]  # the world's -z in the hand's frame
     # behind both hinges the whip points along (sin y, sin x cos y, -cos x cos y)
@@ -308,17 +272,11 @@ _DAMPING = 1e-12  # of the multipliers: keeps the equations solvable where the h
 
 
 class HandMotion(NamedTuple):
-    """Forward kinematics of the hand in the base's frame.
+    """Forward kinematics of the hand in the base's frame."""
 
-    Args:
-        position: Position of the hand [m], (..., 3).
-        rotation: Rotation of the hand, (..., 3, 3).
-        jacobian: Velocity and angular velocity of the hand per unit of the joints' speeds, (..., 6, a).
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
-    jacobian: np.ndarray
+    position: np.ndarray  # [m], (..., 3)
+    rotation: np.ndarray  # (..., 3, 3)
+    jacobian: np.ndarray  # velocity and angular velocity of the hand per unit of the joints' speeds, (..., 6, a)
 
 
 class HandPose(NamedTuple):
@@ -329,17 +287,11 @@ class HandPose(NamedTuple):
 
 
 class Postures(NamedTuple):
-    """Result of inverse kinematics.
+    """Result of inverse kinematics."""
 
-    Args:
-        q: Joint positions [rad or m], (..., a).
-        slopes: Derivatives of q by displacement and rotation of the hand in its m coordinates, (..., a, m).
-        missed: Remaining distance of the hand from the pose [m or rad], (...,); infinite if no solution was found.
-    """
-
-    q: np.ndarray
-    slopes: np.ndarray
-    missed: np.ndarray
+    q: np.ndarray  # joint positions [rad or m], (..., a)
+    slopes: np.ndarray  # derivatives of q by displacement and rotation of the hand in its m coordinates, (..., a, m)
+    missed: np.ndarray  # remaining distance of the hand from the pose [m or rad], (...,); infinite: no solution
 
 
 class _Link(NamedTuple):
@@ -362,17 +314,10 @@ class _Link(NamedTuple):
 class HandKinematics:
     """Forward and inverse kinematics of the hand, in m coordinates, for an arm with a joints.
 
-    The coordinates are the hand's position (x and y in the plane) and, with orientation, its rotation relative to that
-    in the given posture: an angle in the plane, a rotation vector in the base's axes in space.
-
-    Args:
-        arm: Arm in the plane or in space.
-        posture: The given posture [rad or m], (a,).
-        orientation: Whether the coordinates include the hand's orientation.
-
-    Attributes:
-        rows: Matrix (m, 6) that selects the coordinates' rates from the hand's velocity and angular velocity in space.
-        upright: The hand's rotation in the given posture, (3, 3).
+    The coordinates are the hand's position (x and y in the plane) and, with `orientation`, its rotation relative to
+    that in the given `posture` (a,) [rad or m], `upright` (3, 3): an angle in the plane, a rotation vector in the
+    base's axes in space. The matrix `rows` (m, 6) selects their rates from the hand's velocity and angular velocity in
+    space.
     """
 
     def __init__(self, arm: AnyArm, posture: np.ndarray, *, orientation: bool = False) -> None:

@@ -65,9 +65,6 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
     """Return the visual shapes of the base and of each link of the arm of `read_mjcf`, in their frames, (a + 1,).
 
     Of a body that has shapes which do not collide, these are taken; of others all shapes.
-
-    Raises:
-        InputError: As for `read_mjcf`, or a mesh's file is missing.
     """
     path = Path(path)
     check_mjcf(path)

@@ -16,11 +16,8 @@ _STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionlos
 def refuse_tendons(
     model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
 ) -> None:
-    """Refuse tendons that exert forces on joints of the arm; those that only measure or are beyond the tip are ignored.
-
-    Raises:
-        InputError: A tendon over a joint of the arm is limited, part of an equality, or has stiffness, damping,
-            friction or inertia.
+    """Refuse tendons that exert forces on joints of the arm: limited ones, parts of equalities, or those with
+    stiffness, damping, friction or inertia. Those that only measure or are beyond the tip are ignored.
     """
     in_equality = {
         tendon
@@ -90,12 +87,8 @@ def notes_on_forces(
 ) -> list[str]:
     """Return notes on the forces in a file that the arm's model ignores, one line for each kind.
 
-    Args:
-        model: MuJoCo model.
-        movers: Indices of the arm's joints.
-        names: Names of all joints.
-        bodies: Names of the bodies that the arm moves, by index.
-        joints_to: Function that returns the indices of the joints between the world and a body.
+    `movers` are the indices of the arm's joints, `bodies` the names of the bodies that the arm moves, by index, and
+    `joints_to` returns the indices of the joints between the world and a body.
     """
 
     def of(has: Callable[[int], Any]) -> str:

@@ -28,11 +28,7 @@ MOUNT_RULE = f"{', '.join(MOUNTS)} and its height [m], or three numbers: roll pi
 
 
 def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
-    """Return the rotation (3, 3) of a base that is given as one of `MOUNTS`, or roll, pitch and yaw [rad] as in URDF.
-
-    Raises:
-        InputError: The mount is given in another form, or an angle is more than two turns.
-    """
+    """Return the rotation (3, 3) of a base given as one of `MOUNTS`, or as roll, pitch, yaw [rad] as in URDF."""
     if isinstance(given, str) and given not in MOUNTS:
         raise InputError("mount", given, MOUNT_RULE)
     try:

@@ -193,10 +193,8 @@ def _row(given: Any) -> tuple[Any, ...]:
 
 
 def made_of_numbers(arguments: Callable[[tuple[float, ...]], tuple[Any, ...]]) -> Callable[[C], C]:
-    """Class decorator: the class can also be constructed from the numbers of its vector, such as `Target(1.25, 0.2)`.
-
-    Args:
-        arguments: Function that returns the arguments of the class for these numbers.
+    """Class decorator: the class can also be constructed from the numbers of its vector, such as `Target(1.25, 0.2)`;
+    `arguments` returns the class's arguments for these numbers.
     """
 
     def decorate(cls: C) -> C:

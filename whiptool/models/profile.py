@@ -201,11 +201,7 @@ def lumped_from(whip: WhipParameters, *, clamped: bool = False) -> WhipProfile |
 
 
 def even_profile(whip: WhipParameters) -> WhipProfile:
-    """Return the uniform profile of a whip with equal nodes.
-
-    Raises:
-        InputError: A quantity has a value per node.
-    """
+    """Return the uniform profile of a whip with equal nodes; one with a quantity per node is refused."""
     even: dict[str, float] = {}
     for key in ("l", "m", "k", "b", "rest_angle", "drag"):
         value = getattr(whip, key)
@@ -223,24 +219,16 @@ def even_profile(whip: WhipParameters) -> WhipProfile:
 
 
 def profile_from(whip: WhipParameters) -> WhipProfile:
-    """Return the profile from which a whip was computed, else the uniform one.
-
-    Raises:
-        InputError: The nodes are neither equal nor those of a profile.
-    """
+    """Return the profile from which a whip was computed, else the uniform one; other unequal nodes are refused."""
     return lumped_from(whip) or even_profile(whip)
 
 
 def graded(
     profile: Mapping[str, Any], quantity: str, place: np.ndarray, constant: Callable[[np.ndarray], Any] = np.asarray
 ) -> Any:
-    """Return a quantity that varies along the whip, in the shape of `place`; works for numbers and CasADi symbols.
-
-    Args:
-        profile: All of `WhipProfile.numbers`.
-        quantity: `linear_density`, `bending_stiffness` or `bending_damping`.
-        place: Position as a fraction of the length.
-        constant: Function that returns a NumPy array in the type with which the profile's values are multiplied.
+    """Return `linear_density`, `bending_stiffness` or `bending_damping` at positions given as fractions of the length.
+    `profile` has all of `WhipProfile.numbers`, as numbers or CasADi symbols; `constant` turns a NumPy array into a type
+    with which these can be multiplied.
     """
     taper, waves = _GRADED[quantity]
     exponent = constant(np.zeros_like(place))
@@ -250,12 +238,8 @@ def graded(
 
 
 def shares(place: Any, N: int, constant: Callable[[np.ndarray], Any] = np.asarray) -> Any:
-    """Return the distribution of a mass over N + 1 equidistant points: the fraction at each, (N + 1, 1).
-
-    Args:
-        place: Position of the mass, as a fraction of the length.
-        N: Number of links between the points.
-        constant: See `graded`.
+    """Return the distribution of a mass, at a `place` given as a fraction of the length, over N + 1 equidistant points:
+    the fraction at each, (N + 1, 1); `constant` as for `graded`.
     """
     near = 1 - abs(place * N - constant(np.arange(N + 1.0)[:, None]))
     return (near + abs(near)) / 2
@@ -264,16 +248,8 @@ def shares(place: Any, N: int, constant: Callable[[np.ndarray], Any] = np.asarra
 def lump(
     profile: Mapping[str, Any], N: int, *, clamped: bool = False, constant: Callable[[np.ndarray], Any] = np.asarray
 ) -> dict[str, Any]:
-    """Return a profile's N nodes, see `WhipProfile.lump`; works for numbers and CasADi symbols.
-
-    Args:
-        profile: All of `WhipProfile.numbers`.
-        N: Number of nodes.
-        clamped: Whether the whip's first joint bends as in a clamp; otherwise it is a free hinge.
-        constant: Function that returns a NumPy array in the type with which the profile's values are multiplied.
-
-    Returns:
-        Columns (N, 1) of l, m, k, b, rest_angle, drag; and hinge_mass, (1, 1).
+    """Return a profile's N nodes, see `WhipProfile.lump`: columns (N, 1) of l, m, k, b, rest_angle, drag; and
+    hinge_mass, (1, 1). It works for numbers and CasADi symbols; `profile` and `constant` as for `graded`.
     """
     x, w = _QUADRATURE
     x, w = (x[:, None] + 1) / 2, w[:, None] / 2  # on [0, 1]
@@ -320,21 +296,12 @@ _OF_THICKNESS = {
 def resized(
     whip: WhipParameters, *, length: float | None = None, nodes: int | None = None, taper: float | None = None
 ) -> WhipParameters:
-    """Return a whip of the same material with another length, number of nodes or taper.
+    """Return a whip of the same material with another length [m], number of nodes or taper; None: unchanged.
 
     Mass, bending stiffness, damping and drag per length are kept. The nodes of a whip that was computed from a profile
-    are computed again; other nodes are scaled with the length of their links.
-
-    Args:
-        whip: The original whip.
-        length: Length of the stretched whip [m]; None: unchanged.
-        nodes: Number of nodes; None: unchanged.
-        taper: Ratio of the thickness at the tip to that at the handle, which is kept; as for a round whip, mass scales
-            with its square, bending stiffness and damping with its fourth power. None: unchanged.
-
-    Raises:
-        InputError: A number is out of range, or the whip has values per node that no `WhipProfile` reproduces, so that
-            only the length can be changed.
+    are computed again; other nodes are scaled with the length of their links, and have to be equal for another number
+    or taper. The taper is the ratio of the thickness at the tip to that at the handle, which is kept; as for a round
+    whip, mass scales with its square, bending stiffness and damping with its fourth power.
     """
     N = whip.N if nodes is None else whole("nodes", nodes, high=200)
     L = whip.length if length is None else metres("length", length)
@@ -354,11 +321,7 @@ def resized(
 
 
 def of_other_profile(whip: WhipParameters, changes: Mapping[str, float]) -> WhipParameters:
-    """Return a whip with nodes computed again from its profile with some parameters changed; all else is kept.
-
-    Raises:
-        InputError: The whip was not computed from a profile, a name is unknown, or a value is not allowed.
-    """
+    """Return a whip with nodes computed again from its profile with some parameters changed; all else is kept."""
     profile = lumped_from(whip, clamped=whip.clamped)
     if profile is None:
         rule = "parameters of a whip that was computed from a profile without bead and waves"
@@ -380,20 +343,11 @@ def _tapers(taper: float | None) -> Mapping[str, float]:
 
 
 def of_material(whip: WhipParameters, *, youngs_modulus: float, diameter: float, density: float) -> WhipParameters:
-    """Return a round whip of one material with the length, number and kind of nodes of another whip.
+    """Return a round whip of one material, by Young's modulus [Pa], diameter [m] and density [kg/m^3], with the length,
+    number and kind of nodes of another whip.
 
     The ratio of damping to stiffness is that of the other whip at its first joint between nodes. The hinge at the hand
     is free if the other's is. The new whip has neither drag nor friction.
-
-    Args:
-        whip: The other whip.
-        youngs_modulus: Young's modulus [Pa].
-        diameter: Diameter [m].
-        density: Density [kg/m^3].
-
-    Raises:
-        InputError: A number is out of range, or the other whip has no stiffness, so that the damping ratio is
-            undefined.
     """
     stiffness, damping = whip.per_node("k"), whip.per_node("b")
     if whip.N < 2 or stiffness[1] <= 0:

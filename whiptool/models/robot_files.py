@@ -123,22 +123,14 @@ _TOOL_FRAMES = ("tool0", "_tcp")  # what the names of tool frames end with
 class ArmChoice:
     """Selection of an arm from a robot: the chain from its base to a tip.
 
-    Args:
-        tip: Name of the link, body or site at whose origin the hand is; empty: the only link that carries no other.
-        moving: Names of the joints that move; None: all between base and tip that are not in `locked`.
-        locked: Positions of joints that do not move [rad or m], by name; other joints that do not move are locked at 0.
-        outward: Direction in the tip's frame in which a stick or the whip points, (3,); default: z, as for flanges.
-        never_touch: Pairs of joint names (or `base` and a joint) whose links are not checked for contact; None: the
-            pairs that touch with all joints at 0.
-
-    Raises:
-        InputError: A value is of the wrong kind, or a joint both moves and is locked.
+    `never_touch` has pairs of joint names (or `base` and a joint) whose links are not checked for contact; None: the
+    pairs that touch with all joints at 0.
     """
 
-    tip: str = ""
-    moving: tuple[str, ...] | None = None
-    locked: Mapping[str, float] = field(default_factory=dict)
-    outward: tuple[float, ...] = (0.0, 0.0, 1.0)
+    tip: str = ""  # name of the link, body or site at which the hand is; empty: the only link that carries no other
+    moving: tuple[str, ...] | None = None  # names of the joints that move; None: all of the chain not in `locked`
+    locked: Mapping[str, float] = field(default_factory=dict)  # positions of joints that do not move [rad or m]; else 0
+    outward: tuple[float, ...] = (0.0, 0.0, 1.0)  # direction of stick or whip in the tip's frame; z as for flanges
     never_touch: Sequence[tuple[str, str]] | None = None
 
     def __post_init__(self) -> None:

@@ -40,44 +40,27 @@ class _Body:
 
 @dataclass(frozen=True)
 class NearestPair:
-    """The closest pair of bodies over several states.
+    """The closest pair of bodies over several states."""
 
-    Args:
-        clearance: Distance [m]; negative: penetration depth.
-        instant: Index of the state.
-        names: Names of both bodies.
-    """
-
-    clearance: float
-    instant: int
-    names: tuple[str, str]
+    clearance: float  # distance [m]; negative: penetration depth
+    instant: int  # index of the state
+    names: tuple[str, str]  # names of both bodies
 
 
 @dataclass(frozen=True)
 class Contact:
-    """The closest pair of bodies of one group of pairs, over several states.
+    """The closest pair of bodies of one group of pairs, over several states."""
 
-    Args:
-        distance: Distance [m]; negative if they overlap.
-        instant: Index of the state.
-        pair: Index of the pair in `Scene.pairs`.
-        points: Nearest points of both bodies [m], (2, 3).
-        normal: Unit vector from the first body to the second, (3,).
-    """
-
-    distance: float
-    instant: int
-    pair: int
-    points: np.ndarray
-    normal: np.ndarray
+    distance: float  # [m]; negative if they overlap
+    instant: int  # index of the state
+    pair: int  # index of the pair in `Scene.pairs`
+    points: np.ndarray  # nearest points of both bodies [m], (2, 3)
+    normal: np.ndarray  # unit vector from the first body to the second, (3,)
 
 
 class Solids:
-    """Shapes of bodies as objects of the library coal, followed by surfaces.
-
-    Args:
-        shapes: Shapes of the bodies.
-        surfaces: Unit normal (3,) of each surface, and how far from the origin it is along it [m].
+    """Shapes of bodies as objects of the library coal, followed by surfaces, each given by its unit normal (3,) and how
+    far from the origin it is along it [m].
     """
 
     def __init__(self, shapes: Sequence[Capsule], surfaces: Sequence[tuple[np.ndarray, float]]) -> None:
@@ -91,11 +74,8 @@ class Solids:
         self, bodies: tuple[int, int], poses: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the distance of two bodies [m], their nearest points (2, 3) [m], and the unit vector between them,
-        (3,).
-
-        Args:
-            bodies: Indices of the bodies; those of the surfaces follow the last body's.
-            poses: For each of the two bodies its axes (3, 3) and its centre (3,) [m]; those of surfaces are ignored.
+        (3,). Their poses are axes (3, 3) and centre (3,) [m]; for surfaces, which follow the last body, they are
+        ignored.
         """
         import coal
 
@@ -118,21 +98,14 @@ class Scene:
     surface of an arm, a wall or ceiling, is compared as the floor is, except with the first link. Planar arms have no
     thickness and can only touch a floor.
 
-    Args:
-        model: Model of arm and whip.
-        floor: Height of the floor [m]; None: no floor.
-        of: Kind of pairs to check, or several.
-
-    Attributes:
-        bodies: All bodies, those of the whip last.
-        pairs: Indices of the two bodies of each pair; those of floor and arm's surface follow the last body's.
-        kinds: Kind of each pair.
+    `pairs` are the indices of the two bodies of each pair, floor and surface counted after the last body, and `kinds`
+    the kinds of the pairs.
     """
 
     model: Model
-    floor: float | None = None
-    of: Of | tuple[Of, ...] = "whip"
-    bodies: list[_Body] = field(init=False)
+    floor: float | None = None  # height of the floor [m]; None: no floor
+    of: Of | tuple[Of, ...] = "whip"  # kind of pairs to check, or several
+    bodies: list[_Body] = field(init=False)  # all bodies, those of the whip last
 
     def __post_init__(self) -> None:
         self._arm, self._flat = self.model.arm.in_space(), self.model.dimension == 2
@@ -250,23 +223,14 @@ class Scene:
         return self.bodies[i].name, "the floor" if j == len(self.bodies) else mount
 
     def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
-        """Return the closest pair of bodies over successive states; None if no pairs are checked.
-
-        Args:
-            q: Joint positions, (T, n), or (T, a) for an arm alone.
-            enough: Distance above which the exact value is not needed [m]; the distance in any state is then returned.
+        """Return the closest pair of bodies over successive states q (T, n), or (T, a) for an arm alone; None if no
+        pairs are checked. If all are farther apart than `enough` [m], the distance in any state is returned.
         """
         return self.nearest_of_groups(q, np.zeros(len(self.pairs), int), [enough])[0]
 
     def nearest_of_groups(self, q: np.ndarray, groups: np.ndarray, enough: Sequence[float]) -> list[NearestPair | None]:
-        """Return the closest pair of each group of pairs; None for an empty group.
-
-        States are processed in parts, so that memory does not grow with their number.
-
-        Args:
-            q: Joint positions, (T, n).
-            groups: Index of each pair's group, (pairs,).
-            enough: For each group the distance above which the exact value is not needed [m].
+        """Return the closest pair of each group of pairs over states q (T, n), None for an empty group; arguments are
+        those of `contacts`. States are processed in parts, so that memory does not grow with their number.
         """
         best: list[NearestPair | None] = [None] * len(enough)
         for first in range(0, len(q), _AT_ONCE):
@@ -279,15 +243,11 @@ class Scene:
         return best
 
     def contacts(self, q: np.ndarray, groups: np.ndarray, enough: Sequence[float]) -> list[Contact | None]:
-        """Return the closest contact of each group of pairs; None for an empty group.
+        """Return the closest contact of each group of pairs over successive states q (T, n); None for an empty group.
 
-        Exact distances are only computed if bounding spheres are near, first those of bodies over several states, then
-        those of single states.
-
-        Args:
-            q: Joint positions of successive states, (T, n).
-            groups: Index of each pair's group, (pairs,).
-            enough: For each group the distance above which the exact value is not needed [m].
+        `groups` (pairs,) is each pair's group; beyond the distance `enough` [m] of a group its exact value is not
+        needed. Exact distances are only computed if bounding spheres are near, first those of bodies over several
+        states, then those of single states.
         """
         starts, ends = self.segments(q)
         instants, pairs = self._candidates((starts + ends) / 2, groups, np.array(enough))
@@ -352,11 +312,8 @@ class Scene:
         return lower <= limit[groups[pairs]]
 
     def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the distances of all pairs in states q (T, n).
-
-        Returns:
-            Distances [m], (T, pairs), negative for overlap; nearest points of both bodies [m], (T, pairs, 2, 3); unit
-            vectors from the first body to the second, (T, pairs, 3).
+        """Return the distances of all pairs in states q (T, n) [m], (T, pairs), negative for overlap; nearest points of
+        both bodies [m], (T, pairs, 2, 3); unit vectors from the first body to the second, (T, pairs, 3).
         """
         places, shape = self._places(q), (len(q), len(self.pairs))
         instants, pairs = (x.ravel() for x in np.indices(shape))
@@ -431,18 +388,11 @@ _SMALL_WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="rod")  # any:
 
 
 def without_touching(arm: SpatialArm, choice: ArmChoice | None) -> SpatialArm:
-    """Return an arm in which pairs of links that touch in the zero posture are not checked for contact; `notes` lists
-    them.
+    """Return an arm in which pairs of links that touch in the zero posture, or instead those of the `never_touch` of
+    `choice`, are not checked for contact; `notes` lists them.
 
     In the zero posture all joints are at 0, or as near to it as their ranges allow. This finds links that touch in
     every posture.
-
-    Args:
-        arm: Arm as read from a file.
-        choice: If its `never_touch` is given, these pairs are used instead of those that touch.
-
-    Raises:
-        InputError: The choice names a joint that the arm does not have.
     """
     if choice is not None and choice.never_touch is not None:
         return dataclasses.replace(arm, never_touch=tuple(choice.never_touch))

@@ -36,26 +36,15 @@ def path_between(
     share: float = GENTLE,
     sway: float = 0.0,
 ) -> Path:
-    """Return the fastest movement from rest to rest along the straight line between two postures.
+    """Return positions, velocities and accelerations, (T, n) each, at k / `rate` of the fastest movement from rest to
+    rest along the straight line between two postures (n,) [rad or m]; one sample if these are equal.
 
-    No joint exceeds a share of its limits, nor 1 rad/s, 2 rad/s^2 or 20 rad/s^3 (of a prismatic joint m instead of
-    rad); where a limit of velocity depends on the position, all joints are slowed down until it is kept. They begin and
-    end together, at a sample; the last sample is at rest at `q_to`.
+    No joint exceeds `share`, in (0, 1], of its limits, nor 1 rad/s, 2 rad/s^2 or 20 rad/s^3 (of a prismatic joint m
+    instead of rad); where a limit of velocity depends on the position, all joints are slowed down until it is kept.
+    They begin and end together, at a sample; the last sample is at rest at `q_to`.
 
-    Args:
-        q_from, q_to: Postures [rad or m], (n,).
-        limits: Limits of each joint, (n,); empty: none.
-        rate: Samples per second [1/s].
-        share: Share of the limits of velocity, acceleration and jerk that may be used, in (0, 1].
-        sway: Period [s] in which what the arm carries swings, such as a hanging whip. The arm speeds up and slows down
-            over one period each, after which hardly a swing is left, and the movement takes two periods or more; 0: as
-            fast as the limits allow.
-
-    Returns:
-        Positions, velocities and accelerations, (T, n) each, at k / rate; one sample for equal postures.
-
-    Raises:
-        InputError: Numbers of joints differ, or a value is out of range.
+    `sway` is the period [s] in which what the arm carries swings, such as a hanging whip. The arm speeds up and slows
+    down over one period each, after which hardly a swing is left; 0: as fast as the limits allow.
     """
     start = np.array(numbers("start posture", tuple(q_from)))
     end = np.array(numbers("end posture", tuple(q_to), len(start)))
@@ -105,24 +94,13 @@ def path_to_rest(
     *,
     share: float = 1.0,
 ) -> Path:
-    """Return the fastest stop from a motion; each joint brakes on its own.
+    """Return positions, velocities and accelerations, (T, n) each, at k / `rate` of the fastest stop from a motion q
+    [rad or m], v and a [per s, s^2], (n,) each; the first sample is this motion. Each joint brakes on its own.
 
-    Where a joint has no limit of acceleration or jerk, 10 rad/s^2 and 500 rad/s^3 are taken (of a prismatic joint m
-    instead of rad). A joint that is beyond a limit at the beginning returns within it as fast as its other limits
-    allow. Limits of position are not considered: a joint that is too near to one to brake passes it.
-
-    Args:
-        q, v, a: Present positions [rad or m], velocities [per s] and accelerations [per s^2], (n,) each.
-        limits: Limits of each joint, (n,); empty: none.
-        rate: Samples per second [1/s].
-        share: Share of the limits of acceleration and jerk that may be used, in (0, 1].
-
-    Returns:
-        Positions, velocities and accelerations, (T, n) each, at k / rate; the first sample is the present state, and
-        all joints rest at the last.
-
-    Raises:
-        InputError: Numbers of joints differ, or a value is out of range.
+    Joints use `share`, in (0, 1], of their limits of acceleration and jerk; where one is missing, 10 rad/s^2 or 500
+    rad/s^3 is taken (of a prismatic joint m instead of rad). A joint that is beyond a limit at the beginning returns
+    within it as fast as its other limits allow. Limits of position are not considered: a joint that is too near to one
+    to brake passes it.
     """
     n = len(start := numbers("positions", tuple(q)))
     now = (start, numbers("velocities", tuple(v), n), numbers("accelerations", tuple(a), n))
@@ -150,11 +128,8 @@ def _without_swing(most: np.ndarray, period: float) -> np.ndarray:
 
 
 def _planned(now: Sequence[tuple[float, ...]], most: np.ndarray, *, to: float | None = None) -> Trajectory:
-    """Return the profile from a state to rest, at the position `to` of the only coordinate or, for None, anywhere.
-
-    Args:
-        now: Positions, velocities and accelerations.
-        most: Largest velocity, acceleration and jerk, (3,) or (3, n).
+    """Return the profile from a state (positions, velocities, accelerations) to rest, at the position `to` of the only
+    coordinate or, for None, anywhere; `most` are largest velocity, acceleration, jerk, (3,) or (3, n).
     """
     n = len(now[0])
     wanted, profile = InputParameter(n), Trajectory(n)

@@ -20,11 +20,7 @@ _ALLOWED = re.compile(r"(?!whip|target|tip|grip|world|com|end)[A-Za-z]\w*")
 
 
 def checked_joints(given: object, count: int) -> tuple[str, ...]:
-    """Return the given names of `count` joints; if none are given, shoulder and elbow, or joint1, joint2, ...
-
-    Raises:
-        InputError: The number of names is not `count`, a name is repeated, or it is reserved.
-    """
+    """Return the given names of `count` joints; if none are given, shoulder and elbow, or joint1, joint2, ..."""
     rule = f"{count} different names, one per link, of letters and digits; whip..., tip, target are taken"
     if not isinstance(given, (list, tuple)):
         raise InputError("joints", given, rule)
@@ -42,10 +38,8 @@ def joint_name(given: str) -> str:
 
 
 def subscripts(joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the subscript of each joint in the names of a strike's coordinates, such as `s` and `e` in q_si, q_ei.
-
-    The subscripts are the joints' initials if these differ; 1, 2, ... for joint1, joint2, ...; otherwise the whole
-    names.
+    """Return the subscript of each joint in the names of a strike's coordinates, such as `s` and `e` in q_si, q_ei: the
+    joints' initials if these differ; 1, 2, ... for joint1, joint2, ...; otherwise the whole names.
     """
     counted = tuple(str(i + 1) for i in range(len(joints)))
     if joints == tuple(f"joint{i}" for i in counted):
@@ -187,11 +181,7 @@ def limit_unit(name: str, *, slides: bool) -> str:
 
 
 def kept_free(share: object) -> float:
-    """Return the fraction of limits that must remain unused, after checking it.
-
-    Raises:
-        InputError: The fraction is not in [0, 1).
-    """
+    """Return the fraction of limits that must remain unused, after checking that it is in [0, 1)."""
     value = number("keep free", share, low=0, high=1)
     if value == 1:
         raise InputError("keep free", share, "a fraction >= 0 and < 1")
@@ -322,11 +312,8 @@ def _checked_axis(given: object) -> Vector:
 
 
 def checked_rotation(name: str, given: object) -> Matrix:
-    """Return a rotation matrix as three rows, with entries within 1e-12 of 0 and +-1 rounded to these.
-
-    Raises:
-        InputError: The matrix deviates from a rotation by more than 1e-6; with smaller deviations the nearest rotation
-            is returned.
+    """Return a rotation matrix as three rows, with entries within 1e-12 of 0 and +-1 rounded to these. Up to a
+    deviation of 1e-6 from a rotation the nearest one is returned; beyond that the matrix is refused.
     """
     rule = "a rotation: three rows of three numbers, orthogonal, of determinant 1"
     if not is_row(given) or len(given) != 3:

@@ -16,19 +16,15 @@ def spline_points(
     position: float = POSITION,
     acceleration: float = ACCELERATION,
 ) -> np.ndarray:
-    """Return the indices of samples such that quintic splines between them meet all samples.
+    """Return the indices of samples, increasing from 0 to T - 1, such that quintic splines between them meet all
+    samples.
 
     Between two points a controller such as ROS 2's `joint_trajectory_controller` follows the polynomial of degree five
     with the positions, velocities and accelerations of both. A strike along its minimum-jerk path (Eq. 1) is such a
     polynomial, and so are a rest and the phases of a movement of `path_between`.
 
-    Args:
-        t: Times [s], (T,), increasing.
-        q, v, a: Positions [rad or m], velocities [per s] and accelerations [per s^2], (T, n) each.
-        position, acceleration: Largest deviations from a sample [rad, rad/s^2; m for prismatic joints].
-
-    Returns:
-        Increasing indices, from 0 to T - 1.
+    Samples are at times t (T,) [s]; q, v and a are (T, n) each. `position` and `acceleration` are the largest
+    deviations from a sample [rad, rad/s^2; m for prismatic joints].
     """
     found = [0]
     while found[-1] < len(t) - 1:

@@ -228,20 +228,11 @@ class HandStrike(Vector):
     """Reference trajectory of the hand in m coordinates, see `HandKinematics`; `np.asarray(strike)` is its `vector`.
 
     `HandStrike(0.1, 0.2, 0.3, 0.4, 0.5)` is the same as `HandStrike((0.1, 0.2), (0.3, 0.4), 0.5)`.
-
-    Args:
-        x_i: Coordinates of the hand at the start, (m,): its position [m] and, if the strike prescribes it, its rotation
-            relative to the home posture [rad].
-        x_f: Coordinates of the hand at the end, (m,).
-        D: Duration of the movement [s].
-
-    Raises:
-        InputError: A value is not finite, D is not positive, or the lengths differ.
     """
 
-    x_i: tuple[float, ...]
-    x_f: tuple[float, ...]
-    D: float
+    x_i: tuple[float, ...]  # at the start, (m,): position [m] and, if prescribed, rotation from the home posture [rad]
+    x_f: tuple[float, ...]  # at the end, (m,)
+    D: float  # duration of the movement [s]
 
     if TYPE_CHECKING:
 
@@ -265,11 +256,7 @@ class HandStrike(Vector):
 
     @classmethod
     def from_vector(cls, vector: Sequence[float] | np.ndarray) -> HandStrike:
-        """Return the strike with the vector `[x_i, x_f, D]`, (2 m + 1,).
-
-        Raises:
-            InputError: The length is even, or a value is not allowed.
-        """
+        """Return the strike with the vector `[x_i, x_f, D]`, (2 m + 1,)."""
         return cls(*ends_and_duration(vector, _HAND_VECTOR))
 
     @property
@@ -302,11 +289,7 @@ class StrikePath(Protocol):
 
 
 class JointSpace:
-    """Strikes in joint space: vectors `[q_i, q_f, D]` (2 a + 1,), which simulators take unchanged.
-
-    Args:
-        arm: Arm with a joints.
-    """
+    """Strikes in joint space of an arm with a joints: vectors `[q_i, q_f, D]` (2 a + 1,), as simulators take them."""
 
     def __init__(self, arm: AnyArm) -> None:
         self.arm = arm
@@ -333,11 +316,7 @@ class JointSpace:
 
     @property
     def bounds(self) -> StrikeBounds:
-        """Default bounds for searches; see `default_bounds`.
-
-        Raises:
-            InputError: The arm has no default bounds.
-        """
+        """Default bounds for searches; see `default_bounds`."""
         return default_bounds(self.arm)
 
     def strike(self, vector: Sequence[float] | np.ndarray) -> Strike:
@@ -362,42 +341,23 @@ class JointSpace:
         return np.zeros(len(vectors))
 
     def check_turns(self, name: str, vectors: Any) -> None:
-        """Refuse strikes (2 a + 1,) or (B, 2 a + 1) with a joint angle more than two turns from 0, as one in degrees
-        would be; `name` is that of the strikes for the user.
-
-        Raises:
-            InputError: There is such an angle.
+        """Refuse strikes, (B, 2 a + 1) or one, with a joint angle more than two turns from 0, as one in degrees would
+        be; `name` is that of the strikes for the user.
         """
         check_turns(name, np.asarray(vectors)[..., :-1], self.arm)
 
 
 def check_turns(name: str, positions: Any, arm: AnyArm) -> None:
-    """Refuse joint angles that are implausibly large, as angles in degrees would be.
-
-    Args:
-        name: Name of the values for the user.
-        positions: Positions of the arm's joints, k sets in a row, (k a,) or (B, k a); those of prismatic joints are not
-            checked.
-        arm: Arm with a joints.
-
-    Raises:
-        InputError: An angle is more than two turns from 0.
+    """Refuse joint angles more than two turns from 0, as angles in degrees would be, among the positions of the arm's a
+    joints, k sets in a row, (k a,) or (B, k a), which the user knows as `name`; prismatic joints are not checked.
     """
     rows = np.reshape(positions, (-1, arm.n))
     refuse_far(name, rows, [joint not in arm.slides for joint in arm.joints], arm.joints)
 
 
 def refuse_far(name: str, rows: np.ndarray, turning: Sequence[bool], of: Sequence[str]) -> None:
-    """Refuse angles more than two turns from 0, as values in degrees would be.
-
-    Args:
-        name: Name of the values for the user.
-        rows: Values, (B, k); angles in rad.
-        turning: Which of the k values are angles, (k,).
-        of: Name of each of the k values.
-
-    Raises:
-        InputError: There is such an angle.
+    """Refuse angles more than two turns from 0, as values in degrees would be, among values (B, k) that the user knows
+    as `name`; `turning` (k,) says which of the k are angles [rad], and `of` (k,) names them.
     """
     far = np.argwhere((np.abs(rows) > FARTHEST_TURN) & np.array(turning))
     if len(far):
@@ -412,15 +372,8 @@ def joint_layout(a: int) -> dict[str, int]:
 
 
 def checked_vectors(strikes: Any, width: int, whose: str) -> np.ndarray:
-    """Return strikes as vectors, (B, width).
-
-    Args:
-        strikes: One strike or many, or vectors of shape (B, width) or (width,).
-        width: Length of a vector.
-        whose: Description of the arm or space to which the strikes belong, for messages.
-
-    Raises:
-        InputError: The vectors have another length, a value is not finite, or a duration D is not positive.
+    """Return one strike or many, or their vectors, (width,) or (B, width), as finite vectors with positive durations,
+    (B, width); `whose` describes the arm or space to which they belong, for messages.
     """
     given = array_of("strikes", strikes, f"a Strike, or an array of shape (B, {width}), for {whose}")
     vectors = np.ascontiguousarray(np.atleast_2d(given))

@@ -22,17 +22,11 @@ if TYPE_CHECKING:
 
 
 class ClosestApproach(NamedTuple):
-    """Closest approaches of polygonal paths to a position.
+    """Closest approaches of polygonal paths to a position."""
 
-    Args:
-        distance: Distance [m], (...); infinite for a path without a segment whose two ends are known.
-        segment: Index of the segment, (...).
-        share: Position within the segment, 0 to 1, (...).
-    """
-
-    distance: np.ndarray
-    segment: np.ndarray
-    share: np.ndarray
+    distance: np.ndarray  # [m], (...); infinite for a path without a segment whose two ends are known
+    segment: np.ndarray  # index of the segment, (...)
+    share: np.ndarray  # position within the segment, 0 to 1, (...)
 
     def along(self, values: np.ndarray) -> np.ndarray:
         """Return the change of one path's values (T, ...) over the segment of its closest approach, (...)."""
@@ -66,14 +60,10 @@ def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach
 
 
 def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
-    """Return the time at which a smooth curve comes nearest to a position [s].
+    """Return the time [s] at which a smooth curve of positions (d,) [m] over time comes nearest to a position (d,) [m].
 
-    The nearest of `samples` equally spaced instants is refined to the root of the squared distance's derivative.
-
-    Args:
-        curve: Positions over time, (d,) [m].
-        place: Position, (d,) [m].
-        samples: Number of instants, such that the distance has one minimum between three successive ones.
+    The nearest of `samples` equally spaced instants is refined to the root of the squared distance's derivative; the
+    distance must have one minimum between three successive instants.
     """
     from scipy.optimize import brentq  # a third of what a command imports
 
@@ -102,16 +92,7 @@ Points: TypeAlias = Placed | np.ndarray | Sequence[float]
 
 
 def target_points(target: Points, count: int, dimension: int = 2) -> np.ndarray:
-    """Return the positions of targets, (count, dimension) [m].
-
-    Args:
-        target: A `Target` or a position for all strikes, or one position for each, (count, dimension) [m].
-        count: Number of strikes.
-        dimension: 2 in the plane, 3 in space.
-
-    Raises:
-        InputError: The target has another shape.
-    """
+    """Return positions of targets, (count, dimension) [m], from a `Target` or position for all or one for each."""
     d, where = dimension, "in the plane" if dimension == 2 else "in space"
     rule = f"a Target {where}, shape ({d},), or one each, ({count}, {d})"
     points = array_of("target", getattr(target, "position", target), rule)
@@ -389,11 +370,8 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
 
 
 def _unit(quantity: str, unit: str, per: str = "") -> str:
-    """Return the unit of a quantity of a joint, of gains of a joint per position of another.
-
-    Args:
-        quantity: Its symbol in a trajectory.
-        unit, per: Those of the joints' positions.
+    """Return the unit of a joint's quantity, by its symbol in a trajectory and the unit of the joint's position; of
+    gains, per position of another joint, whose unit is `per`.
     """
     torque = "N" if unit == "m" else "N m"
     of_gains = {"K": f"{torque}/{per}", "B": f"{torque} s/{per}"}

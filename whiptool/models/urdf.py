@@ -133,12 +133,8 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
 
 def read_urdf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[Look]:
-    """Return the visual shapes of the base and of each link of the arm of `read_urdf`, in their frames, (a + 1,).
-
-    Meshes whose files are missing are left out.
-
-    Raises:
-        InputError: As for `read_urdf`, or a mesh cannot be read.
+    """Return the visual shapes of the base and of each link of the arm of `read_urdf`, in their frames, (a + 1,);
+    meshes whose files are missing are left out.
     """
     choice = choice or ArmChoice()
     text = read_urdf_text(path)

@@ -15,17 +15,11 @@ GREY = (0.62, 0.64, 0.68)  # of what has no colour in its file
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh in the frame of its link.
+    """A mesh in the frame of its link."""
 
-    Args:
-        vertices: Positions [m], (V, 3).
-        triangles: Indices of the vertices of each triangle, (F, 3).
-        color: Red, green and blue, 0 to 1.
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    color: tuple[float, float, float] = GREY
+    vertices: np.ndarray  # positions [m], (V, 3)
+    triangles: np.ndarray  # indices of the vertices of each triangle, (F, 3)
+    color: tuple[float, float, float] = GREY  # red, green and blue, 0 to 1
 
     @property
     def mesh(self) -> tuple[np.ndarray, np.ndarray]:

@@ -20,23 +20,14 @@ PLANAR_AXIS = (0.0, -1.0, 0.0)  # of a hinge in the plane: a positive angle turn
 
 @dataclass(frozen=True)
 class JointKind:
-    """Kind of joint between the nodes of a whip.
+    """Kind of joint between the nodes of a whip: hinges, or none for a rod, which can take any direction."""
 
-    Args:
-        dimension: 2 in the plane, 3 in space.
-        hinges: Axes of a node's hinges in order, in its frame; none: a rod, which can take any direction.
-        joints: Number of a node's degrees of freedom.
-        endings: Suffix of the name of each of a node's coordinates in a trajectory.
-        unit: Unit of a node's coordinates.
-        absent: Quantities of a whip that such joints do not have.
-    """
-
-    dimension: int
-    hinges: tuple[tuple[float, float, float], ...]
-    joints: int
-    endings: tuple[str, ...]
-    unit: str = "rad"
-    absent: tuple[str, ...] = ()
+    dimension: int  # 2 in the plane, 3 in space
+    hinges: tuple[tuple[float, float, float], ...]  # axes of a node's hinges in order, in its frame; none: a rod
+    joints: int  # number of a node's degrees of freedom
+    endings: tuple[str, ...]  # suffix of the name of each of a node's coordinates in a trajectory
+    unit: str = "rad"  # unit of a node's coordinates
+    absent: tuple[str, ...] = ()  # quantities of a whip that such joints do not have
 
     @property
     def coordinates(self) -> int:

@@ -152,9 +152,6 @@ def find_method(name: str) -> Method:
     """Return the method called `name`: one of `METHODS`, or `nlopt:` and the name of an NLopt global algorithm.
 
     Capital letters, hyphens and underscores make no difference: `DIRECT-L` is `directl`.
-
-    Raises:
-        InputError: No method has that name; the message lists the methods.
     """
     expect(str, method=name)
     algorithm = method_name(name).removeprefix("nlopt:")

@@ -19,10 +19,6 @@ def random_search(objective: Objective, *, seed: int) -> None:
     """Try strikes that are drawn uniformly within the bounds, and shortened so that commands keep the joints' limits.
 
     The function never returns: the objective ends the search by an exception.
-
-    Raises:
-        InputError: The objective has no limit on trials or time.
-        SearchStopped: Trials or time are used up, or a strike was the hit to stop at.
     """
     if objective.max_trials is None and objective.max_time is None:
         raise InputError(
@@ -48,9 +44,6 @@ def nlopt_search(objective: Objective, *, seed: int, algorithm: str) -> None:
     """Minimise the miss distance until the objective stops the search or the algorithm ends.
 
     NLopt has one random generator per process, which is seeded here.
-
-    Raises:
-        SearchStopped: The objective ended the search.
     """
     lower, upper = objective.bounds.box
     optimizer = nlopt.opt(getattr(nlopt, algorithm), len(lower))
@@ -128,9 +121,6 @@ def fitness(distance: np.ndarray, d_max: float) -> np.ndarray:
 def genetic_search(objective: Objective, *, seed: int, settings: GASettings | None = None) -> None:
     """Evolve random strikes by selection, crossover and mutation until the objective stops the search, or no child is
     new.
-
-    Raises:
-        SearchStopped: The objective ended the search.
     """
     from pymoo.algorithms.soo.nonconvex.ga import GA
     from pymoo.core.evaluator import Evaluator
@@ -167,11 +157,7 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
 
 
 def cmaes_search(objective: Objective, *, seed: int) -> None:
-    """Restart CMA-ES from random strikes until the objective stops the search.
-
-    Raises:
-        SearchStopped: The objective ended the search.
-    """
+    """Restart CMA-ES from random strikes until the objective stops the search."""
     from cmaes import CMA  # each search draws from its own generator
 
     rng, box = np.random.default_rng(seed), np.tile([0.0, 1.0], (len(objective.bounds.box[0]), 1))
@@ -206,13 +192,7 @@ def gain(costs: np.ndarray, hits: np.ndarray) -> np.ndarray:
 
 
 def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
-    """Train a learner on the objective's target until the objective stops the search.
-
-    Raises:
-        SearchStopped: The objective ended the search.
-        InputError: PyTorch is not installed.
-        RuntimeError: A loss is not finite.
-    """
+    """Train a learner on the objective's target until the objective stops the search."""
     torch = optional("torch", f"method {learner}")
     from whiptool.rl.actor_critic import LEARNERS
     from whiptool.rl.learner import Diverged, Transitions

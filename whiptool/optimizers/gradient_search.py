@@ -29,12 +29,8 @@ KEPT = 1e-9  # by which smooth functions may be beyond, for rounding
 
 
 def slsqp(objective: Objective, *, steps: int, further: int = 0) -> nlopt.opt:
-    """Return an SLSQP optimizer over the unit box.
-
-    Args:
-        objective: Objective whose bounds are the box, and whose smooth limits are kept.
-        steps: Gradient evaluations at most.
-        further: Number of further variables after those of the strike; they have no bounds.
+    """Return an SLSQP optimizer over the unit box, which stands for the objective's bounds; it keeps the objective's
+    smooth limits and evaluates at most `steps` gradients; `further` variables after those of the strike have no bounds.
     """
     lower, upper = objective.bounds.box
     optimizer = nlopt.opt(nlopt.LD_SLSQP, len(lower) + further)
@@ -77,15 +73,10 @@ _INSIDE = 1e-6  # of a constraint's size, by which it is kept, so that rounding 
 
 
 class Cap(NamedTuple):
-    """A bound on a criterion, in addition to the hit.
-
-    Args:
-        criterion: The criterion.
-        value: The worst value that is allowed, in the criterion's unit: the least speed, the largest of others.
-    """
+    """A bound on a criterion, in addition to the hit."""
 
     criterion: Criterion
-    value: float
+    value: float  # the worst value that is allowed, in its unit: the least speed, the largest of others
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +92,8 @@ class HitPoint:
 
 
 class HitProblem:
-    """Problem for NLopt: minimise the measures of a criterion, with a hit as constraint, over strikes whose coordinates
-    are scaled to the unit box. Each new strike is a trial.
-
-    Args:
-        objective: Objective, which counts the trials.
-        criterion: Criterion whose largest measure is minimised.
-        caps: Constraints in addition to the hit.
+    """Problem for NLopt: minimise the largest measure of a criterion, with a hit and the caps as constraints, over
+    strikes whose coordinates are scaled to the unit box. Each new strike is a trial of the objective.
     """
 
     def __init__(self, objective: Objective, criterion: Criterion, caps: Sequence[Cap]) -> None:
@@ -133,12 +119,8 @@ class HitProblem:
         return self._point
 
     def begin(self, start: np.ndarray) -> tuple[np.ndarray, HitPoint] | None:
-        """Return the first strike (m,) in the unit box and its `HitPoint`; None if it diverged or was refused.
-
-        The largest measure of this point becomes the unit of all measures.
-
-        Args:
-            start: Strike vector, (m,).
+        """Return the strike `start` (m,) in the unit box and its `HitPoint`, whose largest measure becomes the unit of
+        all measures; None if it diverged or was refused.
         """
         u = np.clip((start - self.lower) / self.scale, 0, 1)
         try:
@@ -218,21 +200,10 @@ def descend(
     *,
     steps: int = STEPS,
 ) -> None:
-    """Follow exact derivatives from one strike to the best hit near it.
+    """Follow exact derivatives from one strike (m,), which need not hit, to the best hit near it that keeps the caps.
 
     Every strike is a trial, so the objective keeps the result. If a criterion has several measures, an additional
     variable that bounds them all is minimised (epigraph form), because their maximum is not differentiable.
-
-    Args:
-        objective: Objective with the target.
-        start: Strike vector, (m,); it need not be a hit.
-        criterion: Criterion to minimise.
-        caps: Constraints in addition to the hit.
-        steps: Largest number of gradient evaluations.
-
-    Raises:
-        SearchStopped: The objective ended the search.
-        InputError: The simulator has no derivatives.
     """
     problem = HitProblem(objective, criterion, caps)
     begun = problem.begin(start)
@@ -268,9 +239,6 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
     SLSQP minimises half the squared cost inside the bounds, because the miss distance itself is not differentiable at
     zero. Every simulation is a trial, also in the refinement; a simulation with its gradient counts once. If the
     objective has a criterion, it is minimised instead, with the hit as a constraint.
-
-    Raises:
-        SearchStopped: The objective ended the search.
     """
     rng = np.random.default_rng(seed)
     while True:
@@ -312,11 +280,7 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
 
 
 def map_for(objective: Objective) -> StrikeMap:
-    """Return the map that comes with the package for the model of an objective.
-
-    Raises:
-        InputError: The model has no map, or strikes are not in joint space.
-    """
+    """Return the map that comes with the package for the model of an objective."""
     from whiptool.strike_map.map_files import map_of
 
     if objective.space.kind != "joint":
@@ -327,10 +291,6 @@ def map_for(objective: Objective) -> StrikeMap:
 def map_search(objective: Objective, *, seed: int) -> None:
     """Try and refine the strikes that the package's map gives for the target; if none reaches it, or if the objective
     has criteria, continue with `gradient_search`.
-
-    Raises:
-        InputError: See `map_for`.
-        SearchStopped: The objective ended the search.
     """
     strikes = map_for(objective).candidates(objective.goals).strikes
     lower, upper = objective.bounds.box

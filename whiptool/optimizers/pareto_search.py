@@ -69,11 +69,7 @@ class ParetoFront:
         return costs / np.where(span > 0, span, 1.0)
 
     def table(self, names: Sequence[str]) -> dict[str, Any]:
-        """Return the front as plain data for JSON.
-
-        Args:
-            names: Names of a strike's coordinates, (m,).
-        """
+        """Return the front as plain data for JSON, with the names of a strike's m coordinates."""
         criteria = [{"name": x.name, "unit": x.unit, "maximised": x.largest} for x in self.criteria]
         hits = [
             {
@@ -88,10 +84,8 @@ class ParetoFront:
         return {"criteria": criteria, "front": hits}
 
     def csv(self, names: Sequence[str]) -> str:
-        """Return the front as CSV: number of the trial, both criteria, and the strike.
-
-        Args:
-            names: Names of a strike's coordinates, (m,).
+        """Return the front as CSV: number of the trial, both criteria, and the strike under the names of its m
+        coordinates.
         """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -102,15 +96,11 @@ class ParetoFront:
 
 
 def dominated_by(criteria: Sequence[Criterion], front: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return by how much each of Q other hits dominates a front, relative to the front's range, (Q,).
+    """Return by how much each of Q other hits, with values (Q, 2), dominates a front (P, 2), relative to the front's
+    range, (Q,).
 
     This is the additive epsilon indicator (Zitzler et al. 2003): the shift of the front in both criteria that would
     make it at least as good as that hit. If it is at most 0, the hit dominates no point of the front.
-
-    Args:
-        criteria: The two criteria.
-        front: Values of the hits on the front, (P, 2).
-        values: Values of the other hits, (Q, 2).
     """
     costs = oriented(criteria, front)
     span = np.where(np.ptp(costs, axis=0) > 0, np.ptp(costs, axis=0), 1.0)
@@ -140,22 +130,13 @@ INSIDE = 0.3  # part of the squared hit radius by which linear programs stay ins
 
 
 def step_down(objective: Objective, start: np.ndarray, criterion: Criterion, *, steps: int) -> None:
-    """Follow exact derivatives from one strike to a good hit near it, with steps limited by a trust region.
+    """Follow exact derivatives from one strike (m,), which need not hit, to a good hit near it, with steps limited by a
+    trust region.
 
     Each step minimises the sum of the linearised criterion and a penalty for the violated hit constraints within a box
     around the strike (Fletcher and Sainz de la Maza 1989); a step that does not reduce the sum is undone. For arms with
     many joints, whose outcomes are strongly nonlinear, it finds hits where `descend` jumps between local minima; near
-    the best hit `descend` is more exact.
-
-    Args:
-        objective: Objective with the target; every strike is a trial.
-        start: Strike vector, (m,); it need not be a hit.
-        criterion: Criterion to minimise.
-        steps: Largest number of steps.
-
-    Raises:
-        SearchStopped: The objective ended the search.
-        InputError: The simulator has no derivatives.
+    the best hit `descend` is more exact. Every strike is a trial of the objective.
     """
     problem = HitProblem(objective, criterion, ())
     begun = problem.begin(start)
@@ -223,9 +204,6 @@ def pareto_search(objective: Objective, *, seed: int) -> None:
     gap of the front is filled repeatedly: one criterion is bounded at the gap's middle and the other minimised,
     starting in turn from either end of the gap and from a new random strike. The width of a gap that was tried is
     halved.
-
-    Raises:
-        SearchStopped: The objective ended the search.
     """
     first, second = objective.criteria
     rng = np.random.default_rng(seed)

@@ -30,23 +30,14 @@ _NUMBERS = re.compile(rb"[-+.,0-9a-z]*")  # and nan, inf: what a kill in the mid
 
 @dataclass(frozen=True)
 class TrialColumns:
-    """Columns of a log of trials: the trial's number, its strike, and the parts of its outcome.
+    """Columns of a log of trials: the trial's number, its strike, and the parts of its outcome."""
 
-    Args:
-        names: Names of a strike's coordinates.
-        parts: Names of the columns of each part of an outcome, in order.
-    """
-
-    names: tuple[str, ...]
-    parts: Mapping[str, Sequence[str]]
+    names: tuple[str, ...]  # of a strike's coordinates
+    parts: Mapping[str, Sequence[str]]  # names of the columns of each part of an outcome, in order
 
     @classmethod
     def named(cls, header: Sequence[str]) -> TrialColumns:
-        """Return the columns that a log's first line names.
-
-        Raises:
-            ValueError: They are not those of a log of trials.
-        """
+        """Return the columns that a log's first line names; raise ValueError if it is not that of a log of trials."""
         names = tuple(header[1 : header.index("miss_distance")])
         left = list(header[1 + len(names) :])
         axes = sum(name in left for name in ("tip_x", "tip_y", "tip_z"))
@@ -95,17 +86,11 @@ class TrialColumns:
 class TrialLog:
     """Log of a run's trials as CSV; each trial is written and flushed as one line, with numbers at full precision.
 
-    Args:
-        path: The file; it is created with a header if it does not exist.
-        arm: Arm whose joints name the columns.
-        names: Names of a strike's coordinates; default: those in joint space.
-        measured: Whether miss distances are measured; adds a column of standard errors, NaN if unknown.
-        arriving: Whether the target asks for a direction or speed; adds columns of the arrival, NaN if the strike
-            diverged or was refused, and of the cost.
-        limited: Whether the objective has limits or strikes in hand space; adds a column with the limit by which a
-            strike was refused, or empty.
-        criteria: Names of the criteria; adds a column for each, NaN if the strike diverged or was refused, and one of
-            the merit, NaN if it does not hit.
+    The file is created with a header if it does not exist; coordinates of a strike are named `names`, by default after
+    the joints of the arm. Columns are added: `measured`: standard errors of miss distances, NaN if unknown; `arriving`:
+    the arrival, NaN if the strike diverged or was refused, and the cost; `limited`: the limit by which a strike was
+    refused, or empty; `criteria`: each of them, NaN if the strike diverged or was refused, and the merit, NaN if it
+    does not hit.
     """
 
     def __init__(
@@ -138,9 +123,6 @@ class TrialLog:
 
         An incomplete last line is removed from the file. If more is damaged, the file is renamed first, which is
         reported on stderr.
-
-        Raises:
-            InputError: The file is not of this arm, or its first line is damaged.
         """
         if not self.path.exists():
             return []
@@ -194,11 +176,7 @@ def _cells(part: str, value: Any, count: int) -> list[str]:
 
 
 def _value(part: str, cells: list[str]) -> Any:
-    """Return what `_cells` wrote.
-
-    Raises:
-        ValueError: It is no such part.
-    """
+    """Return what `_cells` wrote; raise ValueError if it is not such a part."""
     if part == "status":
         return _STATUS[_STATUS.index(cells[0])]
     if part == "refused":

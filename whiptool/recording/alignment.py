@@ -56,12 +56,8 @@ class Alignment:
 
 
 def align(first: Path, second: Path) -> Alignment | None:
-    """Return how two records of one motion lie to each other; None if they show no common motion.
-
-    Args:
-        first: Places of a marker.
-        second: Places of the hand, or of the same marker; in space where `first` is.
-    """
+    """Return how the places of the hand, or of the same marker, in `second` lie to those of a marker in `first`; None
+    if they show no common motion. Both are planar or both in space."""
     if min(len(first.t), len(second.t)) < FEWEST:
         return None
     begun = float(first.t[0]), float(second.t[0])  # stamps since 1970 have too few digits for slopes

@@ -86,11 +86,7 @@ def undistort(
 
 
 def opencv() -> Any:
-    """Return the module cv2.
-
-    Raises:
-        InputError: OpenCV is not installed, or does not load.
-    """
+    """Return the module cv2; an InputError says so if OpenCV is not installed or does not load."""
     return optional("cv2", "cameras and images")
 
 
@@ -295,15 +291,8 @@ def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 
 def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) from the world's axes to those of an upright camera that looks at a point.
-
-    Args:
-        position: Position of the camera [m], (3,).
-        point: Point on its optical axis [m], (3,).
-
-    Raises:
-        InputError: The point coincides with the camera, or is directly above or below it.
-    """
+    """Return the rotation (3, 3) from the world's axes to those of an upright camera at `position` (3,) [m] that looks
+    at a point (3,) [m], which must not be directly above or below it."""
     forward = np.asarray(point, float) - np.asarray(position, float)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-9 * max(np.linalg.norm(forward), 1e-9):
@@ -315,16 +304,9 @@ def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | 
 
 
 def before_plane(position: Sequence[float], turn: np.ndarray | None = None) -> dict[str, Any]:
-    """Return rotation and position, as `Camera` takes them, of a camera before the strike plane.
-
-    Args:
-        position: Distances of the camera [m], (3,): forward of the shoulder, above it, and from the strike plane.
-        turn: Rotation in the camera's axes, (3, 3), from an upright camera perpendicular to the plane to this one;
-            None: no rotation.
-
-    Raises:
-        InputError: The camera is behind the plane or looks away from it.
-    """
+    """Return rotation and position, as `Camera` takes them, of a camera before the strike plane. `position` (3,) [m] is
+    how far it is forward of the shoulder, above it and from the plane; `turn` (3, 3) rotates it, in its own axes, from
+    upright and perpendicular to the plane."""
     rotation = (np.eye(3) if turn is None else turn) @ np.diag([1.0, -1.0, -1.0]) @ _BEFORE
     x, up, distance = position
     if not distance > 0 or rotation[2, 1] <= 0:
@@ -351,11 +333,7 @@ CAMERAS = {
 
 
 def camera_preset(name: str) -> Camera:
-    """Return a camera by name: `d435-color` or `d435-infrared`.
-
-    Raises:
-        InputError: No camera has this name.
-    """
+    """Return a camera by name: `d435-color` or `d435-infrared`."""
     if name not in CAMERAS:
         raise InputError("camera", name, " or ".join(CAMERAS))
     return CAMERAS[name]
@@ -388,15 +366,7 @@ def read_cameras(path: str | Path) -> dict[str, Camera]:
 
 
 def camera_of(place: str, table: object) -> Camera:
-    """Return the camera of a table, as `Camera.table` writes it.
-
-    Args:
-        place: Prefix of names in error messages.
-        table: Values by the names of the fields.
-
-    Raises:
-        InputError: The value is not a table, has missing or unknown keys, or a value is not allowed.
-    """
+    """Return the camera of a table that `Camera.table` wrote; `place` is the prefix of names in error messages."""
     try:
         return build_from(Camera, table, f"{place}.")
     except (TypeError, ValueError, OverflowError) as error:

@@ -37,14 +37,10 @@ LAG_ERROR = 0.3  # [s] by which that lag may be wrong, in 99 % of these
 
 
 def compared(files: Sequence[Understood], arm: AnyArm | None = None) -> list[Understood]:
-    """Return files with findings on how their clocks and frames lie to each other.
+    """Return the files of one strike or swing with findings on how their clocks and frames lie to each other.
 
     Tracks are compared with the logs of their sidecar, with every file of logs, and with the first tracks of the same
-    marker.
-
-    Args:
-        files: Files of one strike or swing, as they were understood.
-        arm: The arm whose joints were logged; None: logs of joints are not compared.
+    marker. Logs of joints are compared only if the arm whose joints they are is given.
     """
     found = []
     tracks = [one for one in files if isinstance(one.found, StrikeRecording)]
@@ -86,11 +82,7 @@ def hand_path(log: JointLog) -> Path:
 
 def joint_path(log: JointLog, arm: AnyArm, *, vertical: bool = False) -> Path:
     """Return the path of the hand from the arm's joints, in the base's axes; with `vertical` from their angles against
-    the vertical.
-
-    Raises:
-        InputError: The log has other joints.
-    """
+    the vertical."""
     if not log.names and log.q.shape[1] != arm.n:
         raise InputError("joints", f"{log.q.shape[1]} columns", f"{arm.n}, as the arm has joints")
     order = order_of(log.names, arm.joints, listed=log.listed) if log.names else list(range(arm.n))

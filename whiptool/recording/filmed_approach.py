@@ -22,19 +22,12 @@ _BETWEEN = 20  # instants that are looked at from frame to frame
 
 @dataclass(frozen=True, eq=False)
 class FilmedApproach:
-    """Closest approach of a filmed tip to a target.
+    """Closest approach of a filmed tip to a target."""
 
-    Args:
-        distance: Distance of the tip from the target [m].
-        time: Time of the closest approach [s].
-        place: Position of the tip at this time, (d,) [m].
-        velocity: Velocity of the tip at this time, (d,) [m/s].
-    """
-
-    distance: float
-    time: float
-    place: np.ndarray
-    velocity: np.ndarray
+    distance: float  # of the tip from the target [m]
+    time: float  # of the closest approach [s]
+    place: np.ndarray  # of the tip at this time [m], (d,)
+    velocity: np.ndarray  # of the tip at this time [m/s], (d,)
 
     @property
     def speed(self) -> float:
@@ -43,11 +36,7 @@ class FilmedApproach:
 
 
 def tip_seen(recording: StrikeRecording, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (F,) [s] and positions (F, d) [m] of the tip in the F frames that show it; F may be 0.
-
-    Raises:
-        InputError: The recording has no marker `tip`.
-    """
+    """Return times (F,) [s] and positions (F, d) [m] of the tip in the F frames that show it; F may be 0."""
     points = recording.marker("tip")[:, :dimension]
     seen = np.isfinite(points).all(axis=1)
     return recording.t_points[seen, recording.markers.index("tip")], points[seen]
@@ -57,9 +46,6 @@ def approach_seen(recording: StrikeRecording, target: Sequence[float] | np.ndarr
     """Return the closest approach of a recorded tip to a target (d,) [m], or None if too few frames show the tip.
 
     The path is not interpolated where two or more frames in a row are missing.
-
-    Raises:
-        InputError: The recording has no marker `tip`.
     """
     gap = GAP * float(np.median(np.diff(recording.t)))
     return approach_of_path(*tip_seen(recording, len(target)), target, gap=gap)
@@ -68,15 +54,11 @@ def approach_seen(recording: StrikeRecording, target: Sequence[float] | np.ndarr
 def approach_of_path(
     t: np.ndarray, points: np.ndarray, target: Sequence[float] | np.ndarray, *, gap: float = math.inf
 ) -> FilmedApproach | None:
-    """Return the closest approach of a path through given positions to a target; None for fewer than `LEAST` positions.
+    """Return the closest approach of a path through positions (F, d) [m] at increasing times t (F,) [s] to a target
+    (d,) [m]; None for fewer than `LEAST` positions.
 
-    The path is a monotone cubic interpolant (Fritsch and Carlson 1980).
-
-    Args:
-        t: Times of the positions [s], (F,), increasing.
-        points: Positions [m], (F, d).
-        target: Target [m], (d,).
-        gap: Longest time between two positions over which the path is interpolated [s].
+    The path is a monotone cubic interpolant (Fritsch and Carlson 1980), except over more than `gap` [s] without
+    positions.
     """
     if len(t) < LEAST:
         return None
@@ -112,17 +94,11 @@ _SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [
 
 @dataclass(frozen=True)
 class Nearest:
-    """Closest approach to the target on the most probable path of the tip.
+    """Closest approach to the target on the most probable path of the tip."""
 
-    Args:
-        time: Time [s].
-        place: Position (x, y), in space (x, y, z) [m].
-        velocity: Velocity [m/s].
-    """
-
-    time: float
-    place: tuple[float, ...]
-    velocity: tuple[float, ...]
+    time: float  # [s]
+    place: tuple[float, ...]  # (x, y), in space (x, y, z) [m]
+    velocity: tuple[float, ...]  # [m/s], (d,)
 
     @property
     def speed(self) -> float:
@@ -132,19 +108,12 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Estimate of the miss distance of a strike, and of the probability that the strike hit.
+    """Estimate of the miss distance of a strike, and of the probability that the strike hit."""
 
-    Args:
-        miss: Posterior mean of the miss distance [m].
-        error: Standard error of the miss distance [m].
-        probability: Hit probability.
-        nearest: Time and position of the closest approach; None if only the distance is known.
-    """
-
-    miss: float
-    error: float
-    probability: float
-    nearest: Nearest | None = None
+    miss: float  # posterior mean of the miss distance [m]
+    error: float  # standard error of the miss distance [m]
+    probability: float  # of a hit
+    nearest: Nearest | None = None  # time and position of the closest approach; None if only the distance is known
 
     @property
     def hit(self) -> bool:
@@ -170,14 +139,8 @@ class Frames:
 
 
 def frames_of(recording: StrikeRecording, target: Target, until: float | None = None) -> Frames | None:
-    """Return the frames of a recording that show the tip; None if there are too few.
-
-    Args:
-        recording: Recording of the tip.
-        target: Target of the strike.
-        until: Frames after this time [s] are left out, unless the closest approach is among them; None: all frames are
-            used.
-    """
+    """Return the frames of a recording that show the tip; None if there are too few. Frames after the time `until` [s]
+    are left out, unless the closest approach to the target is among them."""
     i = recording.markers.index("tip")
     seen = recording.seen[:, i]
     d = len(target.position)
@@ -209,15 +172,11 @@ def judge_frames(frames: Frames, target: Target) -> Judgement:
 def weigh(
     t: np.ndarray, paths: np.ndarray, frames: Frames, target: Target, sizes: np.ndarray, paces: np.ndarray
 ) -> Judgement:
-    """Estimate the miss distance of a strike from predicted paths of the tip and from frames of a film.
+    """Estimate the miss distance of a strike from S equally probable predicted paths of the tip (S, T, d) [m] at times
+    t (T,) [s] and from frames of a film.
 
-    The true path is assumed to be one of the predicted paths plus a smooth random model error, which the frames show.
-
-    Args:
-        t, paths: Times (T,) [s] and S equally probable predicted paths of the tip, (S, T, d) [m].
-        frames: Frames that show the tip.
-        target: Point and hit radius.
-        sizes, paces: Candidate standard deviations [m] and correlation times [s] of the model error.
+    The true path is assumed to be one of the predicted paths plus a smooth random model error, which the frames show;
+    `sizes` [m] and `paces` [s] are candidates for its standard deviation and correlation time.
     """
     d = paths.shape[2]
     at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(d)] for path in paths])  # (S, d, F)

@@ -13,22 +13,16 @@ STATED, MEASURED, ASSUMED, DOUBTFUL = "stated", "measured", "assumed", "doubtful
 class Finding:
     """One thing that was understood of a recording.
 
-    Args:
-        topic: What it is about, such as `clock`, `rate`, `axes` or `units`.
-        value: What was understood, in words and with units.
-        certainty: `stated` (a file says so), `measured` (computed from the data; the value has its standard error),
-            `assumed` (nothing says so), or `doubtful` (the data contradict what was stated or assumed).
-        reason: On what it rests.
-        fix: What to write into the sidecar or to do, if something is to be done.
-        numbers: The value as plain numbers and texts by name, in SI units, for programs.
+    Its certainty is `stated` (a file says so), `measured` (computed from the data; the value has its standard error),
+    `assumed` (nothing says so), or `doubtful` (the data contradict what was stated or assumed).
     """
 
-    topic: str
-    value: str
+    topic: str  # what it is about, such as `clock`, `rate`, `axes` or `units`
+    value: str  # what was understood, in words and with units
     certainty: str = STATED
-    reason: str = ""
-    fix: str = ""
-    numbers: Mapping[str, Any] = field(default_factory=dict)
+    reason: str = ""  # on what it rests
+    fix: str = ""  # what to write into the sidecar or to do, if something is to be done
+    numbers: Mapping[str, Any] = field(default_factory=dict)  # the value in SI units, for programs
 
     @property
     def table(self) -> dict[str, Any]:

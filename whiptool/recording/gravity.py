@@ -209,12 +209,8 @@ def swing_length(recording: StrikeRecording) -> tuple[float, float] | None:
 
 
 def gravity_findings(recording: StrikeRecording, units: str | None = "m") -> Iterator[Finding]:
-    """Yield what gravity says of axes and units, and how certain it is.
-
-    Args:
-        recording: Recording whose places were converted to metres.
-        units: Unit from which they were converted; None: one that the reader knows.
-    """
+    """Yield what gravity says of axes and units of a recording, and how certain it is; `units` is the unit from which
+    its places were converted to metres, None one that the reader knows."""
     yield from _of_hanging(recording)
     fall = falling(recording)
     if fall is not None:

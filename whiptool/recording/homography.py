@@ -16,11 +16,8 @@ _LARGEST_CONDITION = 1e4  # of the design matrix in normalised coordinates; four
 
 
 def checked_homography(matrix: np.ndarray) -> np.ndarray:
-    """Return a homography (3, 3) from pixels to metres after checking it.
-
-    Raises:
-        InputError: The matrix has another shape, is not finite, or maps the plane to a line.
-    """
+    """Return a homography (3, 3) from pixels to metres; refuse one that has another shape, is not finite, or maps the
+    plane to a line."""
     matrix = float_array("homography", matrix)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError("homography", f"shape {matrix.shape}", "3 x 3 finite numbers, row by row")
@@ -33,15 +30,8 @@ def checked_homography(matrix: np.ndarray) -> np.ndarray:
 
 
 def homography_from_scale(scale: float, origin: np.ndarray) -> np.ndarray:
-    """Return the homography (3, 3) from pixels to metres of a camera that looks perpendicularly at the plane.
-
-    Args:
-        scale: Scale [m/pixel].
-        origin: Pixel (2,) of the shoulder, the origin of the plane; y is up.
-
-    Raises:
-        InputError: The scale is not above 0.
-    """
+    """Return the homography (3, 3) from pixels to metres of a camera that looks perpendicularly at the plane, from its
+    scale [m/pixel] and the pixel (2,) of the shoulder, the origin of the plane; y is up."""
     if isinstance(scale, bool) or not 0 < scale < np.inf:
         raise InputError("scale", scale, "metres per pixel, > 0")
     u, v = origin
@@ -49,13 +39,11 @@ def homography_from_scale(scale: float, origin: np.ndarray) -> np.ndarray:
 
 
 def homography_from_points(pixels: ArrayLike | None, metres: ArrayLike | None) -> np.ndarray:
-    """Return the homography (3, 3) from n >= 4 points with known pixels and positions in the plane [m], (n, 2) each.
+    """Return the homography (3, 3) from n >= 4 points with known pixels and positions in the plane [m], (n, 2) each; of
+    four points, no three may lie on one line.
 
     It is found by the direct linear transform of centred and scaled points (Hartley 1997). For more than four points it
     minimises the squared distances in the image, because the errors are those of pixels.
-
-    Raises:
-        InputError: There are too few points, they are not finite, or three of four lie on one line.
     """
     pixels, metres = float_array("pixels", pixels), float_array("metres", metres)
     for name, points in (("pixels", pixels), ("metres", metres)):
@@ -84,11 +72,8 @@ def metres_per_pixel(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def _normalized(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points with mean 0 and mean distance sqrt 2, and the matrix (3, 3) that makes them so.
-
-    Raises:
-        InputError: They fix no homography: more than one carries them onto themselves.
-    """
+    """Points with mean 0 and mean distance sqrt 2, and the matrix (3, 3) that makes them so; refuses points that fix no
+    homography, because more than one carries them onto themselves."""
     mean = points.mean(axis=0)
     size = np.hypot(*(points - mean).T).mean()
     if size > 0:

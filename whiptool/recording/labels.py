@@ -51,17 +51,11 @@ class Swallowed:
 
 @dataclass(frozen=True)
 class Labels:
-    """Faults of a recording's marker labels.
-
-    Args:
-        exchanges: Exchanges in order of time.
-        swallowed: Pairs of labels that were on the same marker, in order of time.
-        order: Column that contains each marker at every frame, (T, M): `points[f, order[f, m]]` is marker m.
-    """
+    """Faults of a recording's marker labels, in order of time."""
 
     exchanges: tuple[Exchange, ...]
-    swallowed: tuple[Swallowed, ...]
-    order: np.ndarray
+    swallowed: tuple[Swallowed, ...]  # pairs of labels that were on the same marker
+    order: np.ndarray  # column with each marker at every frame, (T, M): `points[f, order[f, m]]` is marker m
 
     @property
     def kept(self) -> bool:

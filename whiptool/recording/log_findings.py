@@ -17,13 +17,8 @@ EXACT = 1e-8  # [s] below which stamps are those of an even clock
 
 
 def rate_of(topic: str, t: np.ndarray, what: str) -> Finding:
-    """Return the rate of times t (T,) [s]: the inverse of the median step, and how even the steps are.
-
-    Args:
-        topic: Topic of the finding.
-        t: Times [s], (T,), T > 1.
-        what: What has these times, such as `frames`.
-    """
+    """Return the rate of times t (T,) [s], T > 1: the inverse of the median step, and how even the steps are; `what`
+    has these times, such as `frames`."""
     step = np.diff(t)
     usual = float(np.median(step))
     number = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(step / usual), 1.0))])

@@ -34,16 +34,11 @@ LEAD = 1.0  # [s] before and after: of a log around the frames and the command; 
 
 
 def good_stamps(stamps: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
-    """Return which time stamps to keep, (T,), and sentences about the others.
+    """Return which time stamps (T,) [s] to keep, (T,), and sentences about the others; `what` names the samples in
+    them.
 
-    A sample is dropped if its stamp is NaN, repeated, goes back, or is isolated.
-
-    Args:
-        stamps: Time stamps, (T,) [s].
-        what: Name of the samples, for messages.
-
-    Raises:
-        InputError: Too many stamps are bad, or several in a row, so that the right stamps cannot be determined.
+    A sample is dropped if its stamp is NaN, repeated, goes back, or is isolated. Where too many stamps are bad, or
+    several in a row, the right stamps cannot be determined, which is an InputError.
     """
     even = len(stamps) < 2 or (np.diff(stamps) > 0).all()
     keep = np.ones(len(stamps), bool) if even else _increasing(stamps)
@@ -104,16 +99,8 @@ def _drop_lone_ends(stamps: np.ndarray, keep: np.ndarray) -> None:
 
 
 def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
-    """Refuse times that are implausible for a recording of a strike.
-
-    Args:
-        name: Name of the times, for errors.
-        t: Times, (T,) [s], strictly increasing.
-        longest: Largest span of the times [s].
-
-    Raises:
-        InputError: The steps or the span of the times are implausible; the message names the likely cause.
-    """
+    """Refuse times (T,) [s] whose steps or whose span, `longest` at most, are implausible for a recording of a strike;
+    the message names the likely cause."""
     step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
     unit = "milliseconds"
     for smaller, factor in (("microseconds", 1e6), ("nanoseconds", 1e9)):
@@ -167,11 +154,8 @@ def hurried(name: str, t: np.ndarray) -> list[str]:
 
 
 class ClocksApart(InputError):
-    """Times of a log and of the frames that do not overlap.
-
-    Attributes:
-        logs: The logs as arguments of `StrikeRecording`, by their own clocks, where a reader has read them.
-    """
+    """Times of a log and of the frames that do not overlap; `logs` are the logs as arguments of `StrikeRecording`, by
+    their own clocks, where a reader has read them."""
 
     logs: Mapping[str, Any] = MappingProxyType({})
 
@@ -183,17 +167,9 @@ class ClocksApart(InputError):
 
 
 def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float, float] | None) -> None:
-    """Refuse frames, logs and command that do not overlap in time.
-
-    Args:
-        t: Times of the frames (T,) [s].
-        logs: Times (S,) [s] of the logs by name (`joints`, `hand`).
-        command: Start and end of the strike, if it is known [s].
-
-    Raises:
-        ClocksApart: A log and the frames do not overlap.
-        InputError: The frames and the strike do not; each message names likely errors of the clocks.
-    """
+    """Refuse frames (T,) [s] that do not overlap in time with a log (S,) [s], by its name `joints` or `hand`
+    (ClocksApart), or with the command, its start and end [s] (InputError); the message names likely errors of the
+    clocks."""
     if command is not None and not (t[0] <= command[1] + LEAD and t[-1] >= command[0] - LEAD):
         cause = (
             "does the clock count since the computer was started, or since 1970? Give the time at which the command "
@@ -253,19 +229,12 @@ _HAND = {"gripper", "finger", "fingers"}  # of what an arm holds the whip with
 
 @dataclass(frozen=True)
 class Column:
-    """Information in the name of a column.
+    """Information in the name of a column."""
 
-    Args:
-        words: Words of the name in lower case, without those for quantity and unit.
-        kind: `position`, `command`, `other` (a speed, a torque, ...), `time`, or empty if not stated.
-        unit: `rad`, `deg`, or one of `SECONDS`; empty if not stated.
-        jointed: Whether the name contains the word joint, as `joint_1` does and `q1` does not.
-    """
-
-    words: tuple[str, ...]
-    kind: str
-    unit: str
-    jointed: bool
+    words: tuple[str, ...]  # words of the name in lower case, without those for quantity and unit
+    kind: str  # `position`, `command`, `other` (a speed, a torque, ...), `time`, or empty if not stated
+    unit: str  # `rad`, `deg`, or one of `SECONDS`; empty if not stated
+    jointed: bool  # whether the name contains the word joint, as `joint_1` does and `q1` does not
 
     @classmethod
     def of(cls, name: str) -> Column:
@@ -304,16 +273,8 @@ def in_numbers(names: Sequence[str]) -> list[int] | None:
 
 
 def order_of(names: Sequence[str], joints: Sequence[str], *, listed: bool = False) -> list[int]:
-    """Return the index of the log's column for each joint of an arm.
-
-    Args:
-        names: Names of the columns.
-        joints: Names of the arm's joints.
-        listed: Whether the user listed the columns in the arm's order; names of other joints are then allowed.
-
-    Raises:
-        InputError: A joint has no column or several columns; `given` of the error lists the columns.
-    """
+    """Return the index of the log's column for each joint of an arm, by their names. If the user `listed` the columns
+    in the arm's order, names of other joints are allowed; an error lists the columns."""
     columns, wanted = [Column.of(name) for name in names], [Column.of(joint).words for joint in joints]
     exact = [[i for i, c in enumerate(columns) if c.words == words] for words in wanted]
     taken = {i for found in exact for i in found}

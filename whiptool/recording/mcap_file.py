@@ -37,12 +37,7 @@ Message: TypeAlias = tuple[str, float, Any]  # topic, time [s], message of rosba
 
 def write_commanded_mcap(path: Path | str, trajectory: JointTrajectory) -> None:
     """Write a joint trajectory: `/joint_trajectory`, one message with the points of `JointTrajectory.for_splines`,
-    `/joint_states` of all samples, and the poses of a strike of the hand, `/hand`.
-
-    Raises:
-        MissingPackage: mcap or rosbags is not installed.
-        OSError: The file cannot be written.
-    """
+    `/joint_states` of all samples, and the poses of a strike of the hand, `/hand`."""
     few = trajectory.for_splines()
     points = [
         _message(f"{_TRAJECTORY}Point", q, v, a, np.empty(0), _message("builtin_interfaces/msg/Duration", *_split(t)))
@@ -56,17 +51,8 @@ def write_commanded_mcap(path: Path | str, trajectory: JointTrajectory) -> None:
 
 
 def write_strike_mcap(path: Path | str, model: Model, trajectory: Trajectory) -> None:
-    """Write a simulated strike: `/joint_states` of the arm, `/whip`, the places of the hand and all nodes, and `/tip`.
-
-    Args:
-        path: The file.
-        model: Model of arm and whip.
-        trajectory: The strike.
-
-    Raises:
-        MissingPackage: mcap or rosbags is not installed.
-        OSError: The file cannot be written.
-    """
+    """Write a simulated strike: `/joint_states` of the arm, `/whip`, the places of the hand and all nodes, and
+    `/tip`."""
     _write(path, _strike(model, trajectory, trajectory.t))
 
 
@@ -76,21 +62,13 @@ def write_progress_mcap(
     points: Mapping[str, np.ndarray],
     strike: tuple[Model, Trajectory, Sequence[float]] | None,
 ) -> None:
-    """Write how a run went: a number a second, such as a trial's, and after the last the strike that was chosen.
+    """Write how a run went: a number a second, such as a trial's, and after the last the strike that was chosen, its
+    model, trajectory and target (d,) [m], or None.
 
-    Topics are `/progress/NAME` of each curve, and at the strike `/joint_states`, `/whip`, `/tip`, its whole path
-    `/tip_path`, `/target`, and `/points/NAME`.
-
-    Args:
-        path: The file.
-        curves: Numbers of trials, (K,), which count as seconds, and values, (K,), by names that are written in small
-            letters with underscores. Values that are not finite are left out.
-        points: Positions (K, d) [m] by name.
-        strike: Model and trajectory of the chosen strike, and its target (d,); None: no strike was chosen.
-
-    Raises:
-        MissingPackage: mcap or rosbags is not installed.
-        OSError: The file cannot be written.
+    `curves` are numbers of trials (K,), which count as seconds, and values (K,), by names in small letters with
+    underscores; values that are not finite are left out. `points` are positions (K, d) [m] by name. Topics are
+    `/progress/NAME` of each curve, and at the strike `/joint_states`, `/whip`, `/tip`, its whole path `/tip_path`,
+    `/target`, and `/points/NAME`.
     """
     counted = np.concatenate([np.zeros(1), *(x for x, _ in curves.values())])
     first, last = float(counted.min()), float(counted.max())
@@ -129,13 +107,8 @@ def _strike(model: Model, trajectory: Trajectory, t: np.ndarray) -> list[Message
 
 
 def write_recorded_mcap(path: Path | str, recording: StrikeRecording) -> None:
-    """Write a recording: `/joint_states` of the joint log, a topic of each marker (`/tip`), and `/hand` if measured.
-
-    Raises:
-        InputError: The points are pixels or angles, not positions.
-        MissingPackage: mcap or rosbags is not installed.
-        OSError: The file cannot be written.
-    """
+    """Write a recording of positions: `/joint_states` of the joint log, a topic of each marker (`/tip`), and `/hand` if
+    measured."""
     if recording.view is not None or recording.angular:
         given = "angles" if recording.angular else "pixels"
         raise InputError(recording.called, given, "positions of markers [m]", "triangulate the recording first")

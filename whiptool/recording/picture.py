@@ -24,15 +24,8 @@ Panel = Callable[[Axes], None]
 
 
 def draw(files: Sequence[Understood], path: Path | str) -> Path:
-    """Write a picture of files, a row of panels for each (of four panels two rows), and return its path.
-
-    Args:
-        files: The files as they were understood.
-        path: PNG file to write.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write a PNG picture of files as they were understood, a row of panels for each (of four panels two rows), and
+    return its path."""
     width, height = _ROW
     panels = [_panels(one) for one in files]
     grids = [(2, 2) if len(x) == 4 else (1, len(x)) for x in panels]

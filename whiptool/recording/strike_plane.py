@@ -24,19 +24,13 @@ class StrikePlane:
     The recordings' y axis is assumed to point up; if it does not, the key `axes` of the sidecar has to state the axes.
     The plane's x axis is horizontal and points forward, its y axis points up within the plane. Gravity in the plane is
     smaller by the cosine of `tilt`, which the model neglects.
-
-    Args:
-        axes: Rows are the plane's x axis, y axis and normal in the recordings' axes, (3, 3).
-        offset: Offset of the plane from the shoulder along the normal [m].
-        tilt: Tilt of the plane against the vertical [rad].
-        rms, largest: Root mean square and largest distance of the points from the plane [m].
     """
 
-    axes: np.ndarray
-    offset: float
-    tilt: float
-    rms: float
-    largest: float
+    axes: np.ndarray  # rows: the plane's x axis, y axis and normal in the recordings' axes, (3, 3)
+    offset: float  # of the plane from the shoulder along the normal [m]
+    tilt: float  # of the plane against the vertical [rad]
+    rms: float  # root mean square distance of the points from the plane [m]
+    largest: float  # largest distance of a point from the plane [m]
 
     def __str__(self) -> str:
         return (
@@ -61,10 +55,7 @@ class StrikePlane:
 
 def fit_plane(recordings: Sequence[StrikeRecording]) -> StrikePlane | None:
     """Fit a plane to all points of the recordings in space by total least squares; None if all recordings are planar.
-
-    Raises:
-        InputError: The points lie on a line, or in a plane that is nearly horizontal or faces forward.
-    """
+    Points on a line, and a plane that is nearly horizontal or faces forward, are refused."""
     points = [r.points[r.seen] for r in recordings if r.points.shape[2] == 3]
     if not points:
         return None
@@ -108,9 +99,6 @@ def check_one_plane(recordings: Sequence[StrikeRecording], plane: StrikePlane) -
 
     Their projected motion would be too short: by 18 % at 35 degrees. Recordings whose points are nearly on a line have
     no strike plane and are accepted.
-
-    Raises:
-        InputError: A recording lies in another plane.
     """
     for recording in recordings:
         if recording.points.shape[2] == 2:

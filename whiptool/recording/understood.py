@@ -34,25 +34,15 @@ GUESSES: dict[str, tuple[str, dict[str, Any]]] = {  # of keys of the sidecar, to
 
 @dataclass(frozen=True, eq=False)
 class Understood:
-    """A file as it was understood.
+    """A file as it was understood."""
 
-    Args:
-        path: The file as it was given; `FOLDER#3` is episode 3 of a dataset.
-        format: Key of the file's format in `READERS`.
-        found: Its tracks, images, or logs of a robot.
-        findings: What was understood of it, in the order in which it is shown.
-        said: What the sidecar says.
-        logs: Logs of tracks, by the frames' clock as it was read, or where that clock is another one, by their own.
-        starts: Times of the command's start by the clocks of `joints` and `hand` that were subtracted from them [s].
-    """
-
-    path: str
-    format: str
-    found: StrikeRecording | VideoSource | Logs
-    findings: tuple[Finding, ...]
-    said: Mapping[str, Any] = field(default_factory=dict)
-    logs: Logs | None = None
-    starts: Mapping[str, float] = field(default_factory=dict)
+    path: str  # as it was given; `FOLDER#3` is episode 3 of a dataset
+    format: str  # key of the file's format in `READERS`
+    found: StrikeRecording | VideoSource | Logs  # tracks, images, or logs of a robot
+    findings: tuple[Finding, ...]  # in the order in which they are shown
+    said: Mapping[str, Any] = field(default_factory=dict)  # what the sidecar says
+    logs: Logs | None = None  # logs of tracks, by the frames' clock as read, or their own where it differs
+    starts: Mapping[str, float] = field(default_factory=dict)  # starts subtracted from `joints`, `hand` [s]
 
     @property
     def table(self) -> dict[str, Any]:
@@ -67,15 +57,8 @@ class Understood:
 
 
 def understand(path: str, **options: Any) -> Understood:
-    """Read a file and return what is understood of it.
-
-    Args:
-        path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
-        options: Options of the reader: keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file cannot be read.
-    """
+    """Read a file or folder of any of `READERS` (`FOLDER#3` is episode 3 of a dataset), and return what is understood
+    of it; `options` are keys of the sidecar file, whose values they override."""
     file, episode = split_episode(path)
     form = find_format(file)
     said = {} if form in IN_METRES else _said(Path(file), episode.get("episode", 0)) | options

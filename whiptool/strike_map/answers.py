@@ -26,20 +26,13 @@ class Answers:
     Derivatives are by the strike's m coordinates and, in the last column, by the instant, because the same strike also
     reaches goals farther along its path. Those of positions are exact; those of velocities and by the instant are
     finite differences along the path.
-
-    Args:
-        strikes: Strike vectors, (K, m).
-        tips: Positions of the tip at the instants [m], (K, d).
-        velocities: Velocities of the tip at the instants [m/s], (K, d).
-        tip_slopes: Derivatives of the position [m per unit], (K, d, m + 1).
-        velocity_slopes: Derivatives of the velocity [m/s per unit], (K, d, m + 1).
     """
 
-    strikes: np.ndarray
-    tips: np.ndarray
-    velocities: np.ndarray
-    tip_slopes: np.ndarray
-    velocity_slopes: np.ndarray
+    strikes: np.ndarray  # strike vectors, (K, m)
+    tips: np.ndarray  # positions of the tip at the instants [m], (K, d)
+    velocities: np.ndarray  # of the tip at the instants [m/s], (K, d)
+    tip_slopes: np.ndarray  # derivatives of the position [m per unit], (K, d, m + 1)
+    velocity_slopes: np.ndarray  # derivatives of the velocity [m/s per unit], (K, d, m + 1)
 
     def __len__(self) -> int:
         return len(self.strikes)
@@ -97,9 +90,6 @@ class Front:
     """Rotates strikes and goals about the vertical to the front, so that entries for one direction serve for all.
 
     If the arm's first joint does not rotate the whole arm about the vertical, nothing is rotated.
-
-    Args:
-        model: Model with the arm.
     """
 
     def __init__(self, model: Model) -> None:

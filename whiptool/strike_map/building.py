@@ -42,12 +42,8 @@ class Harvest:
     """Counts the map entries in each cell of a region, and selects further entries for cells that are not full.
 
     A cell is two hit radii wide, and two cones if directions are required. Only strikes that pass several cells that
-    are not full are used, because derivatives cost as much for the whole path as for one point.
-
-    Args:
-        striker: Simulator of strikes.
-        region: Region of the goals.
-        rng: Random generator, for points by which the zone's range of directions is estimated.
+    are not full are used, because derivatives cost as much for the whole path as for one point. `rng` draws points by
+    which the zone's range of directions is estimated.
     """
 
     def __init__(self, striker: Striker, region: GoalRegion, rng: np.random.Generator) -> None:
@@ -61,12 +57,8 @@ class Harvest:
         self._taken.update(map(tuple, self._cells(answers.tips, answers.velocities)))
 
     def pick(self, strikes: np.ndarray, *, room: int) -> Answers:
-        """Return entries of strikes (B, m) at points in cells that are not full, rotated about the vertical to the
-        front.
-
-        Args:
-            strikes: Strikes; those that exceed the limits are left out.
-            room: Largest number of entries in a cell.
+        """Return entries of strikes (B, m) that keep the limits, at points in cells with fewer than `room` entries,
+        rotated about the vertical to the front.
         """
         if not len(strikes):
             return Answers.none(strikes.shape[1], self.region.zone.dimension)
@@ -119,13 +111,8 @@ class Harvest:
 
 
 def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: np.ndarray) -> Answers:
-    """Return K map entries: strikes at samples of their tip paths, which are sampled at `RATE` as in `paths_of`.
-
-    Args:
-        striker: Simulator of strikes.
-        strikes: Strike vectors, (S, m).
-        which: Index of each entry's strike, (K,), in ascending order.
-        when: Index of each entry's sample, (K,), neither a path's first nor its last.
+    """Return K map entries: strikes (S, m) at samples of their tip paths, taken at `RATE` as in `paths_of`. `which` are
+    the ascending indices of the strikes, (K,), `when` those of the samples, (K,), neither a path's first nor its last.
     """
     names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension
     parts = [Answers.none(strikes.shape[1], d)]
@@ -143,11 +130,8 @@ def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: 
 
 
 def paths_of(striker: Striker, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the tip paths of those strikes (S, m) whose peak values keep the limits.
-
-    Returns:
-        Indices of these b strikes, (b,); T samples, at `RATE`, of the tips' positions [m] and velocities [m/s] in d
-        dimensions, (b, T, d) each, NaN outside the strike.
+    """Return the tip paths of those strikes (S, m) whose peak values keep the limits: indices of these b strikes, (b,),
+    and the tips' positions [m] and velocities [m/s] at T samples, at `RATE`, (b, T, d) each, NaN outside the strike.
     """
     within, paths = striker.paths(strikes, rate=RATE)
     kept, paths = np.flatnonzero(within), paths[within]
@@ -161,26 +145,14 @@ _DRAWN = 2048  # random strikes of a part
 
 @dataclass(frozen=True)
 class MapPlan:
-    """Amount of simulation to build a map.
+    """Amount of simulation to build a map."""
 
-    Args:
-        random_strikes: Number of random strikes; the points of the region that they pass are the first entries.
-        room: Largest number of entries in each cell of the region at first; each round adds one.
-        rounds: Number of rounds in which missed goals are refined and added.
-        goals: Number of goals of each round.
-        gate_strikes: Number of candidate strikes with which the ranking network (gate) is trained; 0: no network.
-        per_goal: Number of these candidates at each goal.
-
-    Raises:
-        InputError: A number is out of range.
-    """
-
-    random_strikes: int = 8192
-    room: int = 2
-    rounds: int = 4
-    goals: int = 1000
-    gate_strikes: int = 20_000
-    per_goal: int = 4
+    random_strikes: int = 8192  # the points of the region that they pass are the first entries
+    room: int = 2  # largest number of entries in each cell of the region at first; each round adds one
+    rounds: int = 4  # in which missed goals are refined and added
+    goals: int = 1000  # in each round
+    gate_strikes: int = 20_000  # candidates with which the ranking network (gate) is trained; 0: no network
+    per_goal: int = 4  # number of these candidates at each goal
 
     def __post_init__(self) -> None:
         for name in ("random_strikes", "room", "goals", "per_goal"):
@@ -200,24 +172,13 @@ class MapPlan:
 
 
 class Building:
-    """Builds a map in parts; each part is determined by the previous parts, so that building can be resumed.
-
-    Args:
-        striker: Simulator of strikes.
-        region: Region of the goals.
-        plan: Amount of simulation.
-        seed: Seed of all random numbers.
-    """
+    """Builds a map in parts; each part is determined by the previous parts, so that building can be resumed."""
 
     def __init__(self, striker: Striker, region: GoalRegion, plan: MapPlan, *, seed: int) -> None:
         self.striker, self.region, self.plan, self.seed = striker, region, plan, seed
 
     def part(self, before: Sequence[Answers]) -> Answers:
-        """Return the entries of the next part, given those before it.
-
-        Raises:
-            InputError: No random strike passes a goal of the region.
-        """
+        """Return the entries of the next part, given those before it."""
         rng = np.random.default_rng([self.seed, len(before)])
         harvest = Harvest(self.striker, self.region, rng)
         for answers in before:
@@ -287,11 +248,7 @@ _ZONE = {"target": None, "zone_radius": RADIUS, "sector": None, "region": None} 
 
 
 def building_of(config: Mapping[str, Any]) -> Building:
-    """Return the `Building`, before its first part, that the configuration of a run of `whiptool map build` describes.
-
-    Raises:
-        InputError: The region that the options name is out of the model's reach, or of another dimension.
-    """
+    """Return the `Building`, before its first part, that the configuration of a run of `whiptool map build` describes."""
     options, model = config["options"], model_from_table(config["model"])
     controller = controller_from_table(config["controller"])
     controller.check_fits(model.arm)

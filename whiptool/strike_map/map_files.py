@@ -50,11 +50,7 @@ def save_part(folder: Path, number: int, answers: Answers) -> None:
 
 
 def load_parts(folder: Path, count: int, *, first: int = 0) -> list[Answers]:
-    """Return the entries of parts `first` to `count` - 1 in order, up to the first one that is missing.
-
-    Raises:
-        InputError: A file has another format.
-    """
+    """Return the entries of parts `first` to `count` - 1 in order, up to the first one that is missing."""
     parts: list[Answers] = []
     while (number := first + len(parts)) < count and part_file(folder, number).exists():
         arrays = read_arrays(part_file(folder, number), "strike map", _SHAPES)
@@ -68,11 +64,7 @@ def save_gate(folder: Path, gate: Gate) -> None:
 
 
 def load_gate(folder: Path) -> Gate | None:
-    """Return the ranking network (gate), or None if there is no file.
-
-    Raises:
-        InputError: The file has another format.
-    """
+    """Return the ranking network (gate), or None if there is no file."""
     if not (folder / GATE).exists():
         return None
     return _gate_of(read_arrays(folder / GATE, "strike map", _GATE_SHAPES))
@@ -86,21 +78,13 @@ def save_packed(path: Path, answers: Answers, gate: Gate) -> None:
 
 
 def load_packed(path: Path) -> tuple[Answers, Gate]:
-    """Return entries and gate of a map that `save_packed` wrote.
-
-    Raises:
-        InputError: The file has another format.
-    """
+    """Return entries and gate of a map that `save_packed` wrote."""
     arrays = read_arrays(path, "strike map", _SHAPES | _GATE_SHAPES)
     return Answers(**{name: arrays[name].astype(float) for name in _SHAPES}), _gate_of(arrays)
 
 
 def opened(striker: Striker, region: GoalRegion, folder: Path) -> StrikeMap:
-    """Return the map stored in a folder.
-
-    Raises:
-        InputError: The folder has no map, or one of its files is damaged.
-    """
+    """Return the map stored in a folder."""
     parts = load_parts(folder, _MANY)
     if not parts:
         raise InputError(
@@ -116,11 +100,7 @@ def shipped_names() -> list[str]:
 
 @cache
 def shipped_map(name: str) -> StrikeMap:
-    """Return the map of a preset, for its default controller and limits and its `usual_region`.
-
-    Raises:
-        InputError: No map has that name; the message lists the maps.
-    """
+    """Return the map of a preset, for its default controller and limits and its `usual_region`."""
     name = as_named(name, shipped_names())
     if name not in shipped_names():
         raise InputError("map", name, ", ".join(shipped_names()), "or the run folder of whiptool map build")
@@ -130,11 +110,7 @@ def shipped_map(name: str) -> StrikeMap:
 
 
 def map_of(model: Model) -> StrikeMap:
-    """Return the map that comes with the package for a model.
-
-    Raises:
-        InputError: The model has no map.
-    """
+    """Return the map that comes with the package for a model."""
     for name in shipped_names():
         if PRESETS[name] == model:
             return shipped_map(name)

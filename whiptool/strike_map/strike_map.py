@@ -29,20 +29,12 @@ _CHANGE = 0.2  # in widths, that counts as much against a candidate as a miss of
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """C strikes that may hit one goal, sorted by the score `doubt`, the best first.
+    """C strikes that may hit one goal, sorted by the score `doubt`, the best first."""
 
-    Args:
-        strikes: Strike vectors, (C, m).
-        slopes: Derivatives of the goal's residuals at the map entries from which they were computed, (C, r, m).
-        change: Difference from these entries, (C, m + 1): of the m coordinates relative to the width of their bounds,
-            then of the time of contact relative to `INSTANT`, 0.02 s.
-        left: Remaining residual to first order, in units of the hit radius, (C,).
-    """
-
-    strikes: np.ndarray
-    slopes: np.ndarray
-    change: np.ndarray
-    left: np.ndarray
+    strikes: np.ndarray  # strike vectors, (C, m)
+    slopes: np.ndarray  # derivatives of the goal's residuals at the entries they come from, (C, r, m)
+    change: np.ndarray  # from those entries: coordinates over their bounds' width, time over `INSTANT`, (C, m + 1)
+    left: np.ndarray  # remaining residual to first order, in units of the hit radius, (C,)
 
     @property
     def doubt(self) -> np.ndarray:
@@ -58,14 +50,8 @@ class Candidates:
 def candidates(
     striker: Striker, answers: Answers, front: Front, goal: Goals, *, shortlist: int = SHORTLIST
 ) -> Candidates:
-    """Return candidates for a single goal: the nearest map entries, each corrected to first order.
-
-    Args:
-        striker: Simulator of strikes, which has their bounds.
-        answers: Map entries, rotated about the vertical to the front.
-        front: Rotates goals to the front, and strikes back.
-        goal: The goal in its true direction.
-        shortlist: Number of entries that are corrected.
+    """Return candidates for a single goal: the `shortlist` nearest map entries, rotated from the front to the goal's
+    direction and each corrected to first order.
     """
     angle = front.angles(goal.positions)
     nearest = answers.take(answers.shortlist(front.goals(goal, -angle), shortlist))
@@ -114,16 +100,12 @@ _HELD_OUT = 10  # every so many goals are held out
 class Gate:
     """A trained ranking network (gate) that predicts which candidates hit: a multilayer perceptron, evaluated with
     NumPy.
-
-    Args:
-        weights, biases: Weights and biases of each layer, (in, out) and (out,), in single precision.
-        mean, scale: Mean and scale of the features that it was trained on, (f,) each.
     """
 
-    weights: tuple[np.ndarray, ...]
-    biases: tuple[np.ndarray, ...]
-    mean: np.ndarray
-    scale: np.ndarray
+    weights: tuple[np.ndarray, ...]  # of each layer, (in, out), in single precision
+    biases: tuple[np.ndarray, ...]  # of each layer, (out,), in single precision
+    mean: np.ndarray  # of the features that it was trained on, (f,)
+    scale: np.ndarray  # of these features, (f,)
 
     def odds(self, seen: np.ndarray) -> np.ndarray:
         """Return the log odds that candidates hit, (C,), from their features (C, f)."""
@@ -234,12 +216,8 @@ class StrikeMap:
         return self._taken(self._candidates(goals, 1), 0)
 
     def kept(self, goals: Goals, *, tried: int = TRIED) -> np.ndarray:
-        """Return for each goal the best candidate that keeps all limits in simulation, (B, m).
-
-        Args:
-            goals: B goals.
-            tried: Largest number of candidates to check for each goal; if none keeps the limits, the best one is
-                returned.
+        """Return for each of B goals the best candidate that keeps all limits in simulation, (B, m); if none of the
+        best `tried` does, the best one.
         """
         found = self._candidates(goals, tried)
         chosen = self._taken(found, 0)
@@ -253,11 +231,8 @@ class StrikeMap:
         return chosen
 
     def refined(self, goals: Goals, *, tried: int = REFINED) -> Refined:
-        """Return strikes refined from one candidate after the other until they hit within `TOLERANCE`.
-
-        Args:
-            goals: B goals.
-            tried: Largest number of candidates to refine for each goal.
+        """Return strikes for B goals, each refined from one candidate after the other, at most `tried`, until it hits
+        within `TOLERANCE`.
         """
         found = self._candidates(goals, tried)
         best = self._refined(goals, found, np.arange(len(found)), 0)

@@ -20,21 +20,13 @@ from whiptool.rollout.compiled import CompiledRollout
 
 @dataclass(frozen=True, eq=False)
 class Landings:
-    """Results of B strikes, each at its own goal.
+    """Results of B strikes, each at its own goal."""
 
-    Args:
-        residuals: Residuals between strike and goal [m], (B, r), see `Goals.residuals`; NaN if the strike diverged.
-        distance: Miss distance of the tip [m], (B,).
-        angle: Angle between the tip's velocity and the goal's direction [rad], (B,); NaN without direction.
-        beyond: Excess of the strike over the limits, (B,); at most 0 within them.
-        hit: Whether the strike hits and keeps the limits, (B,).
-    """
-
-    residuals: np.ndarray
-    distance: np.ndarray
-    angle: np.ndarray
-    beyond: np.ndarray
-    hit: np.ndarray
+    residuals: np.ndarray  # between strike and goal, see `Goals.residuals` [m], (B, r); NaN if the strike diverged
+    distance: np.ndarray  # miss distance of the tip [m], (B,)
+    angle: np.ndarray  # between the tip's velocity and the goal's direction [rad], (B,); NaN without direction
+    beyond: np.ndarray  # excess of the strike over the limits, (B,); at most 0 within them
+    hit: np.ndarray  # whether the strike hits and keeps the limits, (B,)
 
     @cached_property
     def cost(self) -> np.ndarray:
@@ -103,15 +95,8 @@ class Striker:
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether strikes are worth asking `keep` about, by their peak values and tip paths, and the tip paths.
-
-        Args:
-            strikes: Strike vectors, (B, m).
-            rate: Sampling rate [1/s].
-
-        Returns:
-            Whether each strike may keep the limits, (B,): False rules it out, True does not tell that it may be made.
-            S samples of each path in d dimensions, (B, S, d) [m].
+        """Return whether strikes (B, m) are worth asking `keep` about, by their peak values and tip paths, (B,), and
+        the tip paths, sampled at a rate [1/s], (B, S, d) [m]. False rules a strike out, True does not yet allow it.
         """
         near, paths = self.rollout.peaks_and_path(strikes, t_stay=self.t_stay, rate=rate)
         lowest = np.min(paths[:, :, -1], axis=1, initial=np.inf, where=np.isfinite(paths[:, :, -1]))
@@ -183,20 +168,12 @@ def correct(
     *,
     damping: float | np.ndarray = 1e-4,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the damped least-squares change of B strikes within bounds (Levenberg 1944, Marquardt 1963).
+    """Return the damped least-squares change of B strikes within bounds (Levenberg 1944, Marquardt 1963), (B, m), and
+    the norm of the remaining residuals to first order [m], (B,).
 
-    The change minimises |r + J x|^2 + damping^2 |x / widths|^2; coordinates that would leave the bounds stay on them
-    (an active-set method: Stark and Parker 1995).
-
-    Args:
-        residuals: r [m], (B, r).
-        slopes: J, (B, r, m).
-        room: Least and largest change of each coordinate, (B, m) each.
-        widths: Scale of each coordinate's change, (m,).
-        damping: Weight of the changes [m], a number or one for each strike, (B,).
-
-    Returns:
-        The change of each coordinate, (B, m), and the norm of the remaining residuals to first order [m], (B,).
+    The change x of the residuals r (B, r) [m] with the slopes J (B, r, m) minimises |r + J x|^2 + damping^2 |x /
+    widths|^2, with a damping [m] for all strikes or for each; coordinates that would leave the bounds, least and
+    largest change (B, m), stay on them (an active-set method: Stark and Parker 1995).
     """
     B, r, m = slopes.shape
     low, high = (np.broadcast_to(side, (B, m)) / widths for side in room)
@@ -234,19 +211,12 @@ def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Result of the refinement of B strikes.
+    """Result of the refinement of B strikes."""
 
-    Args:
-        strikes: Best strike for each goal, (B, m).
-        struck: Outcomes of the strikes.
-        rollouts: Total number of simulated strikes, without those for derivatives.
-        derivatives: Number of derivatives of strikes that were computed.
-    """
-
-    strikes: np.ndarray
-    struck: Landings
-    rollouts: int
-    derivatives: int
+    strikes: np.ndarray  # best strike for each goal, (B, m)
+    struck: Landings  # outcomes of the strikes
+    rollouts: int  # simulated strikes in all, without those for derivatives
+    derivatives: int  # derivatives of strikes that were computed
 
     def improved(self, rows: np.ndarray, others: Refined) -> Refined:
         """Return the result with the rows `rows` replaced by those of `others` that are better."""
@@ -264,18 +234,12 @@ class Refined:
 def refine(
     striker: Striker, goals: Goals, strikes: np.ndarray, slopes: np.ndarray | None = None, *, steps: int = STEPS
 ) -> Refined:
-    """Correct strikes until they hit with costs below `TOLERANCE`, or improve no further.
+    """Correct strikes (B, m), each for its own goal, in at most `steps` steps until they hit with costs below
+    `TOLERANCE`, or improve no further.
 
     Steps are damped (Levenberg 1944, Marquardt 1963), with derivatives updated by Broyden's method (1965): one
-    simulation per step. If steps stall, exact derivatives are computed, at the cost of dozens of simulations. Limits
-    that need whole trajectories are only checked at the end.
-
-    Args:
-        striker: Simulator of strikes.
-        goals: One goal for each strike.
-        strikes: Initial strikes, (B, m).
-        slopes: Derivatives of the residuals at or near the initial strikes, (B, r, m); None: they are computed.
-        steps: Largest number of steps.
+    simulation per step. They start from `slopes` (B, r, m), if given. If steps stall, exact derivatives are computed,
+    at the cost of dozens of simulations. Limits that need whole trajectories are only checked at the end.
     """
     state = _Refinement(striker, goals, strikes, slopes)
     for _ in range(steps):

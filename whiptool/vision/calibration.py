@@ -16,15 +16,10 @@ from whiptool.recording.homography import homography_from_points
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners of a board that an image shows.
+    """Corners of a board that an image shows."""
 
-    Args:
-        ids: Indices of the corners in the board's `points`, (P,).
-        pixels: Their positions in the image, (P, 2).
-    """
-
-    ids: np.ndarray
-    pixels: np.ndarray
+    ids: np.ndarray  # indices of the corners in the board's `points`, (P,)
+    pixels: np.ndarray  # their positions in the image, (P, 2)
 
 
 class Board(Protocol):
@@ -140,16 +135,9 @@ def _grid(columns: int, rows: int, side: float) -> np.ndarray:
 
 
 def find_checkerboard(image: np.ndarray, *, corners: tuple[int, int]) -> np.ndarray:
-    """Return the inner corners of a checkerboard [pixels], (columns x rows, 2), row by row from the upper left.
-
-    Args:
-        image: Image, (H, W, 3) or (H, W) uint8.
-        corners: Number of inner corners along a row, and of rows; one odd and one even, so that the orientation is
-            unique.
-
-    Raises:
-        InputError: The image shows no such board.
-    """
+    """Return the inner corners of a checkerboard in an image, (H, W, 3) or (H, W) uint8, [pixels], (columns x rows, 2),
+    row by row from the upper left. `corners` are their numbers along a row, and of rows: one odd and one even, so that
+    the orientation is unique."""
     cv2 = opencv()
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
     found, at = cv2.findChessboardCornersSB(grey, corners, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY)
@@ -172,22 +160,12 @@ def find_checkerboard(image: np.ndarray, *, corners: tuple[int, int]) -> np.ndar
 
 @dataclass(frozen=True, eq=False)
 class PlaneCalibration:
-    """Conversion of pixels to metres on the strike plane.
+    """Conversion of pixels to metres on the strike plane."""
 
-    Args:
-        homography: Homography from undistorted pixels to metres, (3, 3), with last entry 1.
-        residual: Root mean square error of the known points in the image [pixels]; 0 for four points.
-        camera_matrix: Intrinsics [pixels], (3, 3); needed only with a lens distortion.
-        distortion: Coefficients of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none.
-
-    Raises:
-        InputError: A distortion without a camera matrix.
-    """
-
-    homography: np.ndarray
-    residual: float = 0.0
-    camera_matrix: np.ndarray | None = None
-    distortion: tuple[float, ...] = ()
+    homography: np.ndarray  # from undistorted pixels to metres, (3, 3), with last entry 1
+    residual: float = 0.0  # root mean square error of the known points in the image [pixels]; 0 for four points
+    camera_matrix: np.ndarray | None = None  # intrinsics [pixels], (3, 3); needed only with a distortion
+    distortion: tuple[float, ...] = ()  # of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none
 
     def __post_init__(self) -> None:
         if self.distortion and self.camera_matrix is None:

@@ -14,22 +14,13 @@ _SAMPLES = 64  # of a path over one exposure, by the midpoint rule
 
 @dataclass(frozen=True)
 class Exposed:
-    """A moving point as measured in F exposures.
+    """A moving point as measured in F exposures."""
 
-    Args:
-        t_points: Middle of each exposure of the point [s], (F,).
-        points: Mean position over the exposure [m], (F, 2), in space (F, 3).
-        pixels: Mean image position over the exposure [pixels], (F, 2).
-        duration: Time for which it was exposed [s], (F,); longer than the exposure time if it moves in the direction of
-            readout.
-        speed: Mean speed during the exposure [m/s], (F,).
-    """
-
-    t_points: np.ndarray
-    points: np.ndarray
-    pixels: np.ndarray
-    duration: np.ndarray
-    speed: np.ndarray
+    t_points: np.ndarray  # middle of each exposure of the point [s], (F,)
+    points: np.ndarray  # mean position over the exposure [m], (F, 2), in space (F, 3)
+    pixels: np.ndarray  # mean image position over the exposure [pixels], (F, 2)
+    duration: np.ndarray  # time it was exposed [s], (F,); longer than the exposure if it moves along the readout
+    speed: np.ndarray  # mean speed during the exposure [m/s], (F,)
 
 
 def expose(camera: Camera, t: np.ndarray, path: np.ndarray, starts: np.ndarray) -> Exposed:
@@ -85,13 +76,8 @@ def measurement_sigma(camera: Camera, speed: float | np.ndarray, *, distance: fl
 
 
 def stereo_depth(camera: Camera, depth: float | np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return simulated measurements of depth by a D435 [m]; 0, as a D435 reports, if noise exceeds the disparity.
-
-    Args:
-        camera: The camera; see `Camera.depth_error`.
-        depth: True depth along the optical axis [m], any shape; NaN stays NaN.
-        rng: Random generator of the errors.
-    """
+    """Return simulated measurements by a D435 of true depths along the optical axis [m] (NaN stays NaN), with the
+    errors of `Camera.depth_error`; 0, as a D435 reports, if noise exceeds the disparity."""
     span = camera.focal_lengths[0] * BASELINE
     disparity = span / np.asarray(depth, float)
     measured = disparity + SUBPIXEL * rng.standard_normal(disparity.shape)

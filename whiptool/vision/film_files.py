@@ -123,9 +123,6 @@ def _before_its_plane(video: VideoSource) -> Camera:
 
     A homography does not say how far away the camera was, so the distance is made up: what is used of it is the number
     of pixels per metre, here that in the middle of the image. Positions come from the calibration.
-
-    Raises:
-        InputError: It has no homography.
     """
     if video.homography is None:
         raise InputError(
@@ -185,11 +182,7 @@ class RecordedCamera:
             self._images, self._next = iter(self.video.frames()), 0
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """Return the next frame, or None after the last; the timeout is not used.
-
-        Raises:
-            InputError: The camera is not open, or an image cannot be decoded or is of another kind than stated.
-        """
+        """Return the next frame, or None after the last; the timeout is not used."""
         if self._images is None:
             raise InputError("camera", "closed", "an open camera", "call open() first")
         image = next(self._images, None)

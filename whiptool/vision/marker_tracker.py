@@ -31,14 +31,8 @@ _FASTEST = 50.0  # a marker is no faster [m/s]; random strikes of the paper's wh
 
 
 class MotionFilter:
-    """Kalman filter of a marker's motion in the image; both coordinates share one covariance.
-
-    Args:
-        pixel: First measured position, (2,) [pixels].
-        t: Time of the first measurement [s].
-        per_metre: Image scale at that position [pixels/m].
-        moving: Whether the marker may be moving.
-    """
+    """Kalman filter of a marker's motion in the image, in which both coordinates share one covariance; it starts from a
+    pixel (2,) at time t [s] with the image scale `per_metre` [pixels/m] there, at rest unless it may be `moving`."""
 
     def __init__(self, pixel: np.ndarray, t: float, per_metre: float, *, moving: bool = False) -> None:
         speed, acceleration = _IN_FLIGHT if moving else _AT_REST
@@ -94,21 +88,13 @@ SURE = 0.5  # confidence from which a position is reported
 
 @dataclass(frozen=True)
 class Light:
-    """Settings for the estimation and the check of a marker's brightness and size.
+    """Settings for the estimation and the check of a marker's brightness and size."""
 
-    Args:
-        tolerance: Relative deviation of a blob's brightness above which it is doubtful.
-        usual: Relative deviation due to shading and noise.
-        most_size_error: Largest ratio between the first blob's area and the marker's, or its inverse.
-        slow: Speed below which the marker's brightness is learned [m/s].
-        weight: Weight of a new blob in the running mean of the marker's brightness.
-    """
-
-    tolerance: float = 0.15
-    usual: float = 0.06
-    most_size_error: float = 1.7
-    slow: float = 2.0
-    weight: float = 0.05
+    tolerance: float = 0.15  # relative deviation of a blob's brightness above which it is doubtful
+    usual: float = 0.06  # relative deviation due to shading and noise
+    most_size_error: float = 1.7  # largest ratio between the first blob's area and the marker's, or its inverse
+    slow: float = 2.0  # speed below which the marker's brightness is learned [m/s]
+    weight: float = 0.05  # of a new blob in the running mean of the marker's brightness
 
 
 _LIGHT = Light()
@@ -117,36 +103,22 @@ _NEARING = Light(tolerance=0.35, usual=0.15, most_size_error=2.5, slow=np.inf, w
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """Measured position of one marker in one frame.
+    """Measured position of one marker in one frame; NaN where unsure."""
 
-    Args:
-        t_point: Middle of the marker's exposure [s]; with a rolling shutter, that of its image row.
-        pixel: Mean position over the exposure [pixels], (2,); NaN where unsure.
-        point: Mean position on the strike plane [m], (2,); NaN where unsure.
-        sigma: Standard error of `point`, per coordinate [m]; NaN where unsure.
-        confidence: Confidence in [0, 1]; positions are given from 0.5.
-    """
-
-    t_point: float
-    pixel: np.ndarray
-    point: np.ndarray
-    sigma: float
-    confidence: float
+    t_point: float  # middle of the marker's exposure [s]; with a rolling shutter, that of its image row
+    pixel: np.ndarray  # mean position over the exposure [pixels], (2,)
+    point: np.ndarray  # mean position on the strike plane [m], (2,)
+    sigma: float  # standard error of `point`, per coordinate [m]
+    confidence: float  # in [0, 1]; positions are given from 0.5
 
 
 class MarkerTracker:
-    """Tracks one marker from frame to frame.
+    """Tracks one marker from frame to frame, in the strike plane by `calibration`, by default from the camera's pose.
 
-    Args:
-        marker: Appearance of the marker.
-        settings: The camera.
-        calibration: Calibration of the strike plane; default: from the camera's pose.
-        distance: Distance from the camera about which the marker moves in space [m]; positions are then those on a
-            plane at this distance that faces the camera, and only pixels are meaningful. None: the marker moves in the
-            strike plane.
-        background: Image of the scene without the marker, of the frames' shape; default: the first frame without the
-            blob that is taken as the marker. Objects of the marker's colour in it are ignored.
-        start: Position of the marker in the first frame (2,) [pixels], if other objects look like it.
+    With a `distance` [m] the marker moves in space about this far from the camera; positions are then those on a plane
+    there that faces the camera, and only pixels are meaningful. `background` is an image without the marker, whose
+    objects of the marker's colour are ignored; by default the first frame without the blob that is taken as the marker.
+    `start` (2,) [pixels] is the marker's position in the first frame, if other objects look like it.
     """
 
     def __init__(

@@ -93,23 +93,14 @@ TARGET_MARKERS = {
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """A connected region of an image with a marker's colour.
+    """A connected region of an image with a marker's colour."""
 
-    Args:
-        pixel: Centroid weighted by strength (see `Marker.weights`), (2,) [pixels].
-        mass: Sum of the strength [pixels].
-        peak: Largest strength after filtering.
-        box: Bounding box: left, top, width, height [pixels].
-        cut: Whether the region touches the image's edge.
-        noise: Standard error of the centroid, per coordinate, due to sensor noise [pixels].
-    """
-
-    pixel: np.ndarray
-    mass: float
-    peak: float
-    box: tuple[int, int, int, int]
-    cut: bool
-    noise: float
+    pixel: np.ndarray  # centroid weighted by strength (see `Marker.weights`) [pixels], (2,)
+    mass: float  # sum of the strength [pixels]
+    peak: float  # largest strength after filtering
+    box: tuple[int, int, int, int]  # left, top, width, height [pixels]
+    cut: bool  # whether the region touches the image's edge
+    noise: float  # standard error of the centroid, per coordinate, due to sensor noise [pixels]
 
 
 def noise_of(strength: np.ndarray) -> float:
@@ -130,18 +121,13 @@ def find_blobs(
     least_strength: float = 0.0,
     near: np.ndarray | None = None,
 ) -> list[Blob]:
-    """Return the blobs of a marker's colour in a region of an image.
+    """Return the blobs of a marker's colour in a region (left, top, right, bottom) [pixels] of an image, (H, W, 3) or
+    (H, W) uint8.
 
-    Args:
-        marker: Marker to look for.
-        image: Image, (H, W, 3) or (H, W) uint8.
-        background: `Marker.strength` of the scene without the marker, (H, W); None: not used.
-        noise: Standard deviation of the strength, from `noise_of`.
-        region: Left, top, right, bottom of the region [pixels].
-        least_mass: Sum of the strength of the whole marker [pixels]; blobs with less than 35 % of it are left out.
-        least_strength: Least strength of any part of a blob.
-        near: Expected position of the marker (2,) [pixels]; the blob found from there by mean shift is then the first
-            of the list.
+    `background` is `Marker.strength` of the scene without the marker, (H, W), and `noise` the strength's standard
+    deviation. Blobs with less than 35 % of `least_mass`, the whole marker's sum of strength [pixels], are left out, and
+    so are parts below `least_strength`. The blob found by mean shift from `near`, the expected position (2,) [pixels],
+    is then the first.
     """
     left, top, right, bottom = region
     part = image[top:bottom, left:right]

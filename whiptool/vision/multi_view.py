@@ -27,19 +27,11 @@ _NARROWEST = 1e-4  # smallest eigenvalue over the number of sights: about the sq
 
 @dataclass(frozen=True, eq=False)
 class Triangulated:
-    """Triangulated points in space, and their accuracy.
+    """Triangulated points in space, and their accuracy."""
 
-    Args:
-        points: Positions [m], (..., 3); NaN if fewer than two cameras saw the point, or all from nearly the same
-            direction.
-        residual: Root mean square reprojection error [pixels], (...).
-        covariance: Covariance of each point [m^2], (..., 3, 3), for errors of one pixel in each coordinate of each
-            camera.
-    """
-
-    points: np.ndarray
-    residual: np.ndarray
-    covariance: np.ndarray
+    points: np.ndarray  # [m], (..., 3); NaN if fewer than two cameras saw it, or all from nearly one direction
+    residual: np.ndarray  # root mean square reprojection error [pixels], (...)
+    covariance: np.ndarray  # [m^2], (..., 3, 3), for errors of one pixel per coordinate of each camera
 
 
 def triangulate(cameras: Sequence[Camera], pixels: np.ndarray) -> Triangulated:
@@ -123,12 +115,7 @@ GAP = 2.5  # frames without a marker over which its track is not drawn on
 
 
 class CameraTrack:
-    """Path of one marker in the images of one camera, interpolated between frames.
-
-    Args:
-        recording: Recording of the camera, with its view.
-        marker: Name of one of its markers.
-    """
+    """Path of one marker in the images of one camera, from its recording with a view, interpolated between frames."""
 
     def __init__(self, recording: StrikeRecording, marker: str) -> None:
         assert recording.view is not None
@@ -154,12 +141,7 @@ class CameraTrack:
     def beside(self, other: CameraTrack, delay: float) -> tuple[np.ndarray, np.ndarray]:
         """Return by how far this and the other camera's lines of sight to the marker miss each other, as distances in
         the image [pixels], and their standard errors [pixels], (P,) each: at those P of this camera's frames in which
-        both see the marker.
-
-        Args:
-            other: Track of the same marker by another camera.
-            delay: Time of the other camera's clock minus this one's [s].
-        """
+        both see the marker. `delay` is the time of the other camera's clock minus this one's [s]."""
         seen, sigma = other.at(self.t + delay)
         found = triangulate([self.camera, other.camera], np.stack([self.pixels, seen]))
         apart = 2 * found.residual  # the point between two lines of sight is half as far from either
@@ -181,31 +163,21 @@ _NORMAL = 0.6745  # median of the size of a standard normal number
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Two cameras whose lines of sight to the same markers do not meet.
+    """Two cameras whose lines of sight to the same markers do not meet."""
 
-    Args:
-        cameras: Names of the cameras.
-        apart: Median distance between the two lines of sight in an image [pixels].
-        errors: Median distance in units of the stated errors.
-        delay: Difference of the clocks, second camera minus first, at which they agree best [s].
-    """
-
-    cameras: tuple[str, str]
-    apart: float
-    errors: float
-    delay: float
+    cameras: tuple[str, str]  # their names
+    apart: float  # median distance between the two lines of sight in an image [pixels]
+    errors: float  # median distance in units of the stated errors
+    delay: float  # second clock minus first at which they agree best [s]
 
     def __str__(self) -> str:
         return f"{self.cameras[0]} and {self.cameras[1]} by {self.apart:.1f} pixels"
 
 
 def disagreements(recordings: Sequence[StrikeRecording]) -> list[Disagreement]:
-    """Return the pairs of cameras that disagree on the positions of markers.
-
-    Args:
-        recordings: Recordings of any strikes; recordings without a view are ignored. Recordings with the same joint log
-            are of one strike; without joint logs, so are the k-th recordings of the same command by different cameras.
-    """
+    """Return the pairs of cameras that disagree on the positions of markers, of recordings with a view. Recordings with
+    the same joint log are of one strike; without joint logs, so are the k-th recordings of the same command by
+    different cameras."""
     found = []
     for strike in _by_strike([r for r in recordings if r.view is not None]):
         for pair in combinations(strike, 2):

@@ -36,15 +36,10 @@ _SCREEN = 0.16  # brightness of a screen before the camera
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the image sensor.
+    """Noise of the image sensor."""
 
-    Args:
-        full_well: Electrons of a white pixel; shot noise is the square root of the number of electrons.
-        read: Read noise [electrons].
-    """
-
-    full_well: float = 5000.0
-    read: float = 25.0
+    full_well: float = 5000.0  # electrons of a white pixel; shot noise is the square root of the number of electrons
+    read: float = 25.0  # read noise [electrons]
 
     def __post_init__(self) -> None:
         if not 0 < self.full_well < np.inf or not 0 <= self.read < np.inf:
@@ -53,42 +48,27 @@ class Noise:
 
 @dataclass(frozen=True)
 class Screen:
-    """A dark screen before the camera, over part of the image and for part of the time.
+    """A dark screen before the camera, over part of the image and for part of the time."""
 
-    Args:
-        left, top, right, bottom: Edges of the screen [pixels]; right and bottom are the first pixels outside.
-        start, end: Frames that start in [start, end) [s] show the screen.
-    """
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-    start: float = -np.inf
+    left: int  # left edge [pixels]
+    top: int  # upper edge [pixels]
+    right: int  # first pixel outside, to the right
+    bottom: int  # first pixel outside, below
+    start: float = -np.inf  # frames that start in [start, end) [s] show the screen
     end: float = np.inf
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of one frame.
+    """Ground truth of one frame."""
 
-    Args:
-        t_point: Middle of the tip's exposure [s].
-        point, pixel: Mean position of the tip over the exposure [m], (d,), and in the image [pixels], (2,), whether
-            visible or not.
-        visible: Fraction of the marker that is visible, 0 to 1.
-        speed: Speed of the tip during the exposure [m/s].
-        target: Centre of the target [m], (d,), or None.
-        depth: Depth of `point` along the optical axis [m].
-    """
-
-    t_point: float
-    point: np.ndarray
-    pixel: np.ndarray
-    visible: float
-    speed: float
-    target: np.ndarray | None = None
-    depth: float = np.nan
+    t_point: float  # middle of the tip's exposure [s]
+    point: np.ndarray  # mean position of the tip over the exposure [m], (d,), whether visible or not
+    pixel: np.ndarray  # that mean in the image [pixels], (2,)
+    visible: float  # fraction of the marker that is visible, 0 to 1
+    speed: float  # of the tip during the exposure [m/s]
+    target: np.ndarray | None = None  # centre of the target [m], (d,), or None
+    depth: float = np.nan  # of `point` along the optical axis [m]
 
 
 @dataclass
@@ -202,9 +182,6 @@ class VirtualCamera:
 
         The depths are those of the ball's centre, with the errors of `Camera.depth_error`; 0 if most of the ball is
         hidden. The true depths are in `truths`.
-
-        Args:
-            rng: Random generator of the errors.
         """
         true = np.array([truth.depth for truth in self.truths])
         hidden = np.array([truth.visible < 0.5 for truth in self.truths])

@@ -77,11 +77,7 @@ def frames_of(source: FrameSource, *, timeout: float = 1.0) -> Iterator[Frame]:
 
 
 def realsense() -> Any:
-    """Return the module pyrealsense2.
-
-    Raises:
-        MissingPackage: The module or its USB library is not installed.
-    """
+    """Return the module pyrealsense2; MissingPackage says so if it or its USB library is not installed."""
     try:
         return optional("pyrealsense2", "a RealSense camera")
     except MissingPackage as error:
@@ -91,20 +87,13 @@ def realsense() -> Any:
 
 
 class RealSenseCamera:
-    """A `FrameSource` of one stream of a RealSense camera.
+    """A `FrameSource` of one stream of a RealSense camera, by its serial number (empty: the only camera), or of a
+    recording of the SDK, whose `file` is played without dropping frames.
 
-    The exposure is fixed, because the measurement model uses it; the infrared emitter is off, because its dots would be
-    taken for markers. Frame times are the device's (middle of the exposure) minus half the exposure.
-
-    Args:
-        settings: Settings to request: size, rate, exposure, kind (`color` or `infrared`); also pose and readout, which
-            are added to frames. Focal lengths and principal point are replaced by those of the device.
-        serial: Serial number of the camera; empty for the only camera.
-        file: A recording of the SDK to play instead, without dropping frames.
-
-    Raises:
-        InputError: The recording cannot be read.
-        WhiptoolError: Raised by `open` without pyrealsense2, without a camera, or if it has no such stream.
+    Size, rate, exposure and kind (`color` or `infrared`) of `settings` are requested, its pose and readout added to
+    frames; focal lengths and principal point are those of the device. The exposure is fixed, because the measurement
+    model uses it; the infrared emitter is off, because its dots would be taken for markers. Frame times are the
+    device's (middle of the exposure) minus half the exposure.
     """
 
     def __init__(self, settings: Camera, *, serial: str = "", file: Path | str | None = None) -> None:
@@ -116,12 +105,7 @@ class RealSenseCamera:
         self._pipeline: Any = None
 
     def check_present(self) -> None:
-        """Refuse a camera that is not connected, without starting it.
-
-        Raises:
-            InputError: No RealSense camera is connected, or no camera has this serial number; or pyrealsense2 is not
-                installed.
-        """
+        """Refuse a camera that is not connected, without starting it."""
         if self.file is not None:
             return
         rs = realsense()
@@ -175,11 +159,7 @@ class RealSenseCamera:
             sensor.set_option(option.emitter_enabled, 0)
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """Return the next frame, or None if none arrives within the timeout [s] or the recording has ended.
-
-        Raises:
-            InputError: The camera is not open.
-        """
+        """Return the next frame, or None if none arrives within the timeout [s] or the recording has ended."""
         if self._pipeline is None:
             raise InputError("camera", "closed", "an open camera", "call open() first")
         there, frames = self._pipeline.try_wait_for_frames(max(1, round(1e3 * timeout)))

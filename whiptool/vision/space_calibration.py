@@ -23,35 +23,22 @@ LOOSEST = 0.01  # standard error of a focal length, of the focal length: by as m
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Intrinsics of a camera, and the quality of their calibration.
+    """Intrinsics of a camera, and the quality of their calibration."""
 
-    Args:
-        width, height: Width and height of the images [pixels].
-        camera_matrix: Camera matrix [pixels], (3, 3).
-        distortion: OpenCV's coefficients k1, k2, p1, p2, k3.
-        residual: Root mean square reprojection error of the corners [pixels]; None: not calibrated from views.
-        sigma: Standard errors of fx, fy, cx, cy [pixels], (4,); None: not calibrated from views.
-    """
-
-    width: int
-    height: int
-    camera_matrix: np.ndarray
-    distortion: tuple[float, ...] = ()
-    residual: float | None = None
-    sigma: np.ndarray | None = None
+    width: int  # of the images [pixels]
+    height: int  # of the images [pixels]
+    camera_matrix: np.ndarray  # [pixels], (3, 3)
+    distortion: tuple[float, ...] = ()  # OpenCV's coefficients k1, k2, p1, p2, k3
+    residual: float | None = None  # root mean square reprojection error of the corners [pixels]; None: not calibrated
+    sigma: np.ndarray | None = None  # standard errors of fx, fy, cx, cy [pixels], (4,); None: not calibrated
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Position and orientation of a body in another frame.
+    """Position and orientation of a body in another frame."""
 
-    Args:
-        rotation: Rotation from the body's axes to the other frame's.
-        position: Position of the body's origin in the other frame [m], (3,).
-    """
-
-    rotation: Rotation
-    position: np.ndarray
+    rotation: Rotation  # from the body's axes to the other frame's
+    position: np.ndarray  # of the body's origin in the other frame [m], (3,)
 
     def __matmul__(self, other: Pose) -> Pose:
         """Return the pose in this body's outer frame of a body whose pose in this body is `other`."""
@@ -65,20 +52,12 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class SpaceCalibration:
-    """Calibrated cameras in a common world frame, and the quality of the calibration.
+    """Calibrated cameras in a common world frame, and the quality of the calibration."""
 
-    Args:
-        cameras: Cameras by name.
-        residual: Root mean square reprojection error of each camera [pixels], by name.
-        views: This error by camera and instant [pixels]; a value far above the others indicates a wrong detection or a
-            moving board.
-        boards: Pose of the board in the world, by instant.
-    """
-
-    cameras: dict[str, Camera]
-    residual: dict[str, float]
-    views: dict[str, dict[int, float]]
-    boards: dict[int, Pose]
+    cameras: dict[str, Camera]  # by name
+    residual: dict[str, float]  # root mean square reprojection error of each camera [pixels]
+    views: dict[str, dict[int, float]]  # this error by instant; far above others: wrong detection or moving board
+    boards: dict[int, Pose]  # pose of the board in the world, by instant
 
 
 def calibrate_lens(views: Sequence[Corners], board: Board, *, width: int, height: int) -> Lens:
@@ -111,11 +90,7 @@ def calibrate_lens(views: Sequence[Corners], board: Board, *, width: int, height
 
 
 def board_pose(lens: Lens | Camera, view: Corners, board: Board) -> Pose:
-    """Return the pose of a board in the axes of a camera (right, down, forward) that sees it.
-
-    Raises:
-        InputError: The corners do not determine a pose.
-    """
+    """Return the pose of a board in the axes of a camera (right, down, forward) that sees it."""
     cv2 = opencv()
     lens_model = (lens.camera_matrix, np.array(lens.distortion))
     found, turned, place = cv2.solvePnP(board.points[view.ids], view.pixels, *lens_model, flags=cv2.SOLVEPNP_IPPE)
@@ -265,29 +240,15 @@ def rms(misses: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of cameras on the pose of a board.
+    """Agreement of cameras on the pose of a board; if the others agree without a camera, that camera was moved."""
 
-    Args:
-        misfit: Root mean square reprojection error of the corners over all cameras, at the best common pose [pixels].
-        without: This error of the other cameras if one camera is left out, by its name; if the others agree without a
-            camera, that camera was moved. Empty for two cameras.
-    """
-
-    misfit: float
-    without: dict[str, float]
+    misfit: float  # root mean square reprojection error over all cameras at the best common pose [pixels]
+    without: dict[str, float]  # this error of the others without one camera, by its name; empty for two cameras
 
 
 def agree(cameras: Mapping[str, Camera], views: Mapping[str, Corners | None], board: Board) -> Agreement:
-    """Return the agreement of calibrated cameras on the pose of a board that they see at the same time.
-
-    Args:
-        cameras: The calibrated cameras, by name.
-        views: Corners of the board that each camera sees; None if it sees none.
-        board: The board.
-
-    Raises:
-        InputError: Fewer than two cameras see enough of the board, or a name belongs to no camera.
-    """
+    """Return the agreement of at least two calibrated cameras, by name, on the pose of a board that they see at the
+    same time; a view is None if the camera does not see the board."""
     if unknown := set(views) - set(cameras):
         raise InputError("views", ", ".join(sorted(unknown)), f"the cameras: {', '.join(cameras)}")
     seen = {name: view for name, view in views.items() if view is not None and len(view.ids) >= FEWEST}

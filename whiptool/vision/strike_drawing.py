@@ -23,19 +23,11 @@ _NEAR, _FAR = 0.05, 40.0  # [m]
 
 
 class StrikeDrawing:
-    """Renders rectangles of a camera's image of arm, whip, tip marker and target.
+    """Renders rectangles of a camera's image of arm, whip, tip marker and target, with the radius [m] of the tip's ball
+    and of the target around its centre, (2,) or (3,) [m].
 
     The target is a disc in the strike plane itself, so that its image has no parallax; the tip's ball stands out of it.
     In space the target is a ball.
-
-    Args:
-        settings: The camera.
-        model: Whip and arm.
-        target: Centre of the target [m], (2,) or (3,), or None.
-        marker_radius, target_radius: Radius of the tip's ball, and of the target's disc or ball [m].
-
-    Raises:
-        WhiptoolError: OpenGL is not available.
     """
 
     def __init__(
@@ -97,13 +89,8 @@ class StrikeDrawing:
             material.rgba[:3] = rgb
 
     def draw(self, q: np.ndarray | None, region: tuple[float, float, int, int], scale: int = 1) -> np.ndarray:
-        """Return a rectangle of the image at `scale` times its resolution, (h scale, w scale, 3) uint8.
-
-        Args:
-            q: Joint positions [rad], (n,); None for the static parts, without arm and whip.
-            region: Left, top, width and height [pixels], counted from the image's upper left corner.
-            scale: Samples per pixel in each direction.
-        """
+        """Return a rectangle (left, top, width w, height h) [pixels] of the image, at `scale` samples per pixel in each
+        direction, (h scale, w scale, 3) uint8, with joint positions q (n,) [rad], or None for the static parts only."""
         s, (left, top, width, height) = self.settings, region
         self._context.make_current()
         if q is not None:

@@ -19,23 +19,14 @@ from whiptool.vision.source import Frame, FrameSource, frames_of
 
 @dataclass(frozen=True, eq=False)
 class MarkerTrack:
-    """Track of one marker over T frames.
+    """Track of one marker over T frames."""
 
-    Args:
-        t: Start of each frame's exposure [s], (T,).
-        t_points: Middle of the marker's own exposure [s], (T,).
-        pixels: Mean positions over the exposures [pixels], (T, 2); NaN where unsure.
-        points: Mean positions on the strike plane [m], (T, 2).
-        sigma: Standard errors of the points, per coordinate [m], (T,).
-        confidence: Confidence in [0, 1], (T,).
-    """
-
-    t: np.ndarray
-    t_points: np.ndarray
-    pixels: np.ndarray
-    points: np.ndarray
-    sigma: np.ndarray
-    confidence: np.ndarray
+    t: np.ndarray  # start of each frame's exposure [s], (T,)
+    t_points: np.ndarray  # middle of the marker's own exposure [s], (T,)
+    pixels: np.ndarray  # mean positions over the exposures [pixels], (T, 2); NaN where unsure
+    points: np.ndarray  # mean positions on the strike plane [m], (T, 2)
+    sigma: np.ndarray  # standard errors of the points, per coordinate [m], (T,)
+    confidence: np.ndarray  # in [0, 1], (T,)
 
     @classmethod
     def of(cls, t: np.ndarray, sightings: list[Sighting]) -> MarkerTrack:
@@ -67,15 +58,8 @@ class StrikeTrack:
         return np.median(seen, axis=0) if len(seen) else None
 
     def to_recording(self, **known: Any) -> StrikeRecording:
-        """Return the track as a recording with the marker `tip`, for identification.
-
-        Args:
-            known: Other fields of `StrikeRecording`, such as strike, controller, t_stay, source, sha256; a target given
-                here takes precedence over the tracked one.
-
-        Raises:
-            InputError: The tip was never seen, or a field is out of range.
-        """
+        """Return the track as a recording with the marker `tip`, for identification; `known` are other fields of
+        `StrikeRecording`, such as strike and source, of which a target takes precedence over the tracked one."""
         if "target" not in known and self.target_position is not None:
             known["target"] = tuple(self.target_position.tolist())
         fields: dict[str, Any] = {

@@ -129,11 +129,7 @@ _OWN = frozenset(READERS)
 
 
 def find_format(path: Path | str) -> str:
-    """Return the key in `READERS` of a recording's format, by its name and first bytes.
-
-    Raises:
-        InputError: Nothing exists at the path, or it has an unknown format; the message lists the formats.
-    """
+    """Return the key in `READERS` of a recording's format, by its name and first bytes."""
     expect(str, PathLike, path=path)
     path = Path(path)
     head = b""
@@ -214,16 +210,8 @@ def read_recording(path: Path | str, *, format: str | None = None, **options: An
 
 
 def open_video(path: Path | str, *, format: str | None = None, **options: Any) -> VideoSource:
-    """Open the images of a strike from a file or folder of any format with images.
-
-    Args:
-        path: The file or folder.
-        format: A key of `READERS`; None to choose by name and first bytes.
-        options: Options of the format's reader: keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The format is unknown or holds no images, the file is damaged, or a value is not allowed.
-    """
+    """Open the images of a strike from a file or folder; `format` is a key of `READERS`, by default chosen by name and
+    first bytes, and `options` are keys of the sidecar file, whose values they override."""
     form = _format(path, format)
     if form.video is None:
         raise InputError("recording", str(path), "images", f"this is {form.what}; read it with read_recording")
@@ -249,15 +237,8 @@ def split_episode(path: str) -> tuple[str, dict[str, Any]]:
 
 
 def open_any(path: str, **options: Any) -> StrikeRecording | VideoSource | Logs:
-    """Return what a file holds: tracks, else images in which the tip still has to be tracked, else a robot's logs.
-
-    Args:
-        path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
-        options: Options of the format's reader: keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is not of any of these formats or is damaged, or a value is not allowed.
-    """
+    """Return what a file or folder holds: tracks, else images in which the tip still has to be tracked, else a robot's
+    logs. `FOLDER#3` is episode 3 of a dataset; `options` are keys of the sidecar file, whose values they override."""
     path, episode = split_episode(path)
     form = READERS[find_format(path)]
     given, refused = {**episode, **options}, None

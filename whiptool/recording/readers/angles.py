@@ -51,15 +51,8 @@ def holds_angles(path: Path, head: bytes) -> bool:
 
 
 def read_angles(path: Path | str, *, episode: int = 0) -> StrikeRecording:
-    """Return one swing of a pendulum, its links' angles measured by encoders, from an NPZ or CSV file.
-
-    Args:
-        path: The file, whose layout the module describes.
-        episode: Number of the swing, from 0; a file may hold several.
-
-    Raises:
-        InputError: There is no such swing, or the file or the TOML file next to it is damaged.
-    """
+    """Return one swing of a pendulum, its links' angles measured by encoders, from an NPZ or CSV file, whose layout the
+    module describes; `episode` is the number of the swing, from 0, in a file of several."""
     swings = read_swings(path)
     if not 0 <= episode < len(swings):
         raise InputError("episode", episode, f"a number from 0 to {len(swings) - 1}, of a swing in {path}")
@@ -70,9 +63,6 @@ def read_swings(path: Path | str) -> list[StrikeRecording]:
     """Return all swings of an NPZ or CSV file; several are named `FILE#0`, `FILE#1`, ...
 
     The points of each are angles, (T, links, 1) [rad], of the markers `link1`, `link2`, ...
-
-    Raises:
-        InputError: The file cannot be read or has another format, a key is unknown, or a value is not allowed.
     """
     path = whole_file(path)
     side = read_toml(path.with_suffix(".toml")) if path.with_suffix(".toml").is_file() else {}
@@ -89,12 +79,8 @@ def read_swings(path: Path | str) -> list[StrikeRecording]:
 
 
 def first_state(t: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Return angles and rates at the first sample, by a parabola through the first samples, (2, links) [rad, rad/s].
-
-    Args:
-        t: Times [s], (T,).
-        angles: Angles [rad], (T, links).
-    """
+    """Return angles and rates at the first sample, (2, links) [rad, rad/s], by a parabola through the first of the
+    angles (T, links) [rad] at times t (T,) [s]."""
     few = slice(0, min(len(t), max(4, int(np.searchsorted(t - t[0], _SHORT)))))
     return np.polynomial.polynomial.polyfit((t - t[0])[few], angles[few], 2)[:2]
 

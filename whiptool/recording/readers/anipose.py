@@ -24,15 +24,7 @@ from whiptool.recording.strike_recording import StrikeRecording
 
 
 def read_anipose(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read a CSV file of Anipose.
-
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is damaged, the clock or the axes are not stated, or a value is not allowed.
-    """
+    """Read a CSV file of Anipose; `options` are keys of its sidecar, whose values they override."""
     path = whole_file(path, largest=LARGEST_TABLE)
     side = Sidecar.of(path, options, *mocap.KEYS, *CLOCK)
     with parsing(path, "Anipose CSV"):

@@ -29,15 +29,10 @@ _SAME_AS = {"tf/msg/tfMessage": FRAMES}  # kinds of messages that were renamed
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag.
+    """A topic of a bag."""
 
-    Args:
-        kind: Kind of its messages, such as `sensor_msgs/msg/JointState`.
-        count: Number of messages.
-    """
-
-    kind: str
-    count: int
+    kind: str  # kind of its messages, such as `sensor_msgs/msg/JointState`
+    count: int  # number of messages
 
 
 def is_bag(path: Path, head: bytes) -> bool:
@@ -51,11 +46,7 @@ def bag_parts(path: Path) -> list[Path]:
 
 
 def bag_topics(path: Path | str) -> dict[str, Topic]:
-    """Return the topics of a bag by name.
-
-    Raises:
-        InputError: The file is not a bag or is damaged; or rosbags is not installed.
-    """
+    """Return the topics of a bag by name."""
     found: dict[str, Topic] = {}
     with _opened(path) as (bag, _):
         for c in bag.connections:
@@ -65,11 +56,7 @@ def bag_topics(path: Path | str) -> dict[str, Topic]:
 
 
 def bag_messages(path: Path | str, topics: Collection[str], kinds: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-    """Yield topic, the bag's time [ns] and the message, for each message of these topics and kinds.
-
-    Raises:
-        InputError: The file is not a bag or is damaged, or a message cannot be decoded; or rosbags is not installed.
-    """
+    """Yield topic, the bag's time [ns] and the message, for each message of these topics and kinds."""
     with _opened(path) as (bag, ros):
         chosen = [c for c in bag.connections if c.topic in topics and _SAME_AS.get(c.msgtype, c.msgtype) in kinds]
         types = _types(ros)
@@ -84,18 +71,9 @@ def stamp_of(message: Any) -> float:
 
 
 def best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray, str]:
-    """Return the first of several clocks of which nearly all stamps can be right, and its name.
-
-    Args:
-        clocks: Stamps [s] by the name of the clock; a clock without stamps is not used.
-        place: Location of the stamps, for messages.
-
-    Returns:
-        The stamps, NaN where one cannot be right, and the name of the clock with the reasons against those before it.
-
-    Raises:
-        InputError: No clock increases.
-    """
+    """Return the stamps [s] of the first of several clocks, by name, of which nearly all stamps can be right, NaN where
+    one cannot, and the clock's name with the reasons against those before it. `place` locates the stamps in
+    messages."""
     times, whose = common_clock({name: {place: stamps} for name, stamps in clocks.items() if stamps}, place)
     return times[place], whose
 
@@ -103,19 +81,11 @@ def best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray, 
 def common_clock(
     clocks: Mapping[str, Mapping[str, Sequence[float]]], place: str, *, against: Sequence[str] = ()
 ) -> tuple[dict[str, np.ndarray], str]:
-    """Return the first of several clocks of which nearly all stamps of all topics can be right, and its name.
+    """Return the stamps [s] by topic of the first of several clocks of which nearly all stamps of all topics can be
+    right, NaN where one cannot, and the clock's name with the reasons against those before it.
 
-    Args:
-        clocks: Stamps [s] by the name of the clock and by topic.
-        place: Location of the stamps, for messages.
-        against: Reasons against the clocks that were left out before.
-
-    Returns:
-        The stamps by topic, NaN where one cannot be right, and the name of the clock with the reasons against those
-            before it.
-
-    Raises:
-        InputError: No clock increases.
+    `clocks` are stamps [s] by clock and topic; `place` locates them in messages, and `against` are reasons against
+    clocks that were left out before.
     """
     said = list(against)
     for whose, topics in clocks.items():

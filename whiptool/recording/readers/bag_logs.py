@@ -35,11 +35,7 @@ HEADER, WRITTEN = "the messages' header stamps", "the times at which the bag was
 
 
 def read_bag_logs(path: Path | str) -> Logs:
-    """Read all logs of a bag that need no choice: joints of the only topic with such, poses of the only such topic.
-
-    Raises:
-        InputError: The file is not a bag or is damaged, or holds no log.
-    """
+    """Read all logs of a bag that need no choice: joints of the only topic with such, poses of the only such topic."""
     topics = bag_topics(path)
     joints = [name for name, topic in topics.items() if topic.kind == STATE]
     poses = [name for name, topic in topics.items() if topic.kind in (POSE, ARRAY, MOVED)]
@@ -58,17 +54,8 @@ def read_bag_logs(path: Path | str) -> Logs:
 
 
 def bag_joints(path: Path | str, topic: str | None = None, columns: Any = None) -> JointLog:
-    """Read the log of joints of one topic.
-
-    Args:
-        path: The bag.
-        topic: Its topic; None: the only one with joints.
-        columns: Names of the arm's joints, see `asked` of `whiptool.recording.readers.joint_log.joint_log`.
-
-    Raises:
-        InputError: The bag has no such topic, or several and none is chosen; no message has positions, or stamps are
-            implausible.
-    """
+    """Read the log of joints of one topic, by default of the only one with joints; `columns` names the arm's joints,
+    see `asked` of `whiptool.recording.readers.joint_log.joint_log`."""
     topic = _topic(path, topic, [STATE], "joints_topic")
     stamps: list[float] = []
     written: list[float] = []
@@ -109,16 +96,8 @@ def _joints_of(states: Sequence[dict[str, float]]) -> list[str]:
 
 
 def bag_hand(path: Path | str, topic: str | None = None, frames: Sequence[str] | None = None) -> JointLog:
-    """Read the poses of the hand, (S, 7): place [m] and quaternion (x, y, z, w).
-
-    Args:
-        path: The bag.
-        topic: Topic of the poses; None: the only one with poses, or the only one whose name holds `hand`.
-        frames: Names of the base's and of the hand's frame, for poses from `tf`.
-
-    Raises:
-        InputError: The bag has no such topic or frames, or several and none is chosen, or stamps are implausible.
-    """
+    """Read the poses of the hand, (S, 7): place [m] and quaternion (x, y, z, w). The topic is by default the only one
+    with poses, or whose name holds `hand`; for poses from `tf`, `frames` names those of the base and of the hand."""
     if frames is not None:
         times, poses, said = _along_frames(path, *frames)
     else:
@@ -132,30 +111,16 @@ def bag_hand(path: Path | str, topic: str | None = None, frames: Sequence[str] |
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """Poses of one topic.
+    """Poses of one topic, of S messages."""
 
-    Args:
-        stamps: Stamps in the headers of the S messages [s].
-        written: Times at which they were written [s].
-        poses: By the number of the pose in a message, (S, 7): place [m] and quaternion (x, y, z, w).
-    """
-
-    stamps: list[float]
-    written: list[float]
-    poses: dict[int, np.ndarray]
+    stamps: list[float]  # stamps in the messages' headers [s]
+    written: list[float]  # times at which they were written [s]
+    poses: dict[int, np.ndarray]  # by the number of the pose in a message, (S, 7): place [m], quaternion (x, y, z, w)
 
 
 def published(path: Path | str, topics: Mapping[str, Sequence[int]], kinds: Sequence[str]) -> dict[str, Published]:
-    """Read places and orientations of topics, each message once; a point has the orientation (0, 0, 0, 1).
-
-    Args:
-        path: The bag.
-        topics: Numbers of the poses of each topic: 0, or those of a `PoseArray`.
-        kinds: Kinds of messages that are allowed.
-
-    Raises:
-        InputError: A topic has fewer than two messages, or an array is too short.
-    """
+    """Read places and orientations of topics with messages of these kinds, each message once; a point has the
+    orientation (0, 0, 0, 1). Each topic has the numbers of its poses: 0, or those of a `PoseArray`."""
     stamps: dict[str, list[float]] = {topic: [] for topic in topics}
     written: dict[str, list[float]] = {topic: [] for topic in topics}
     rows: dict[str, list[list[list[float]]]] = {topic: [] for topic in topics}

@@ -44,15 +44,7 @@ DELAYED, OTHER_CLOCK = 0.05, 1.0  # [s] between delays of two topics: a word is 
 
 
 def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read the markers of a bag.
-
-    Args:
-        path: The bag, a file or folder.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is not a bag or is damaged, holds no markers, lacks a topic, or a value is not allowed.
-    """
+    """Read the markers of a bag, a file or folder; `options` are keys of its sidecar, whose values they override."""
     path = Path(path)
     side = bag_sidecar(path, options)
     topics = bag_topics(path)

@@ -33,16 +33,7 @@ MOST, BLOCK = 65535, 512  # frames that a header can count; [bytes] of which a f
 
 
 def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read a C3D file.
-
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is damaged, has no points or no rate, does not state its units or axes, lacks a label, or a
-            value is not allowed; or ezc3d is not installed.
-    """
+    """Read a C3D file; `options` are keys of its sidecar, whose values they override."""
     path = whole_file(path)
     side = Sidecar.of(path, options, *mocap.KEYS)
     optional("ezc3d", "C3D files")
@@ -108,9 +99,6 @@ def parse(path: str) -> dict[str, np.ndarray]:
     """Return points (T, M, 3) in the file's units, NaN where missing, and their metadata, by name.
 
     It runs in a separate process, as ezc3d may crash on damaged files.
-
-    Raises:
-        InputError: There are no points, or header and parameters contradict each other.
     """
     import ezc3d
 

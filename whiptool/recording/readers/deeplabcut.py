@@ -35,16 +35,8 @@ def holds_table(path: Path, head: bytes) -> bool:
 
 
 def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read the tracks in a CSV file that DeepLabCut wrote.
-
-    Args:
-        path: The CSV file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The header is not DeepLabCut's, it holds labels instead of tracks, a cell is not a number, the times
-            or the conversion to metres are missing, or a value is not allowed.
-    """
+    """Read the tracks in a CSV file that DeepLabCut wrote; `options` are keys of its sidecar, whose values they
+    override."""
     path = whole_file(path)
     side = Sidecar.of(path, options, *poses.KEYS)
     with parsing(path, "DeepLabCut CSV"):
@@ -62,17 +54,8 @@ def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
 
 
 def tracks(side: Sidecar, names: Sequence[tuple[str, ...]], table: np.ndarray, frames: np.ndarray) -> Poses:
-    """Return the tracks of one animal.
-
-    Args:
-        side: Sidecar, of which the key `individual` is read.
-        names: Scorer, perhaps individual, body part and coordinate of each column.
-        table: Numbers, (T, columns).
-        frames: Numbers of the frames, (T,).
-
-    Raises:
-        InputError: A body part lacks a coordinate, has it twice, or there are several animals.
-    """
+    """Return the tracks of one animal, which the sidecar's key `individual` names, from numbers (T, columns) of frames
+    (T,); `names` of a column are scorer, perhaps individual, body part and coordinate."""
     animals = list(dict.fromkeys(name[1] for name in names)) if names and len(names[0]) == 4 else []
     chosen = animals[poses.individual(side, animals, WHAT)] if animals else ""
     columns: dict[str, dict[str, int]] = {}
@@ -104,9 +87,6 @@ def of_hdf5(file: Any) -> dict[str, np.ndarray] | None:
     None: the file has no such table.
 
     pandas writes names of columns as a pickle, which is not loaded: see `plain_names`.
-
-    Raises:
-        InputError: The names are something else.
     """
     group = next((one for one in file.values() if "pandas_type" in getattr(one, "attrs", ())), None)
     if group is None:
@@ -137,11 +117,7 @@ def _levels(group: Any, axis: str) -> list[tuple[str, ...]]:
 
 def plain_names(pickled: bytes | str) -> list[tuple[str, ...]]:
     """Return the names of columns that pandas pickled: the tuples of texts are taken from the instructions of the
-    pickle, which is not loaded.
-
-    Raises:
-        InputError: They are something else than a list of tuples of texts.
-    """
+    pickle, which is not loaded."""
     data = pickled.encode("latin-1") if isinstance(pickled, str) else bytes(pickled)
     try:
         names = _top_of(data)

@@ -17,16 +17,8 @@ from whiptool.recording.strike_recording import TURNED
 
 
 def body_named(side: Sidecar, turns: Mapping[str, np.ndarray]) -> str | None:
-    """Return the label of the body that the key `hand` names; None: it is missing, or names a file.
-
-    Args:
-        side: The sidecar.
-        turns: Rotations of the file's rigid bodies as quaternions (x, y, z, w), (T, 4), by their labels; (T, 0) where
-            the file has no quaternions.
-
-    Raises:
-        InputError: There is neither such a body nor such a file, or the file has no quaternions of the body.
-    """
+    """Return the label of the body that the key `hand` names; None: it is missing, or names a file. `turns` are
+    quaternions (x, y, z, w) of the file's rigid bodies, (T, 4), by label; (T, 0) where it has none."""
     name = side.values.get("hand")
     if not isinstance(name, str) or not turns:
         return None
@@ -48,17 +40,11 @@ def with_poses(
     units: str,
     axes: tuple[str, str, str] | None,
 ) -> tuple[Sidecar, dict[str, Any], list[str]]:
-    """Return the sidecar without the keys that were heard, the recording's arguments with the hand's poses, and
+    """Return the sidecar without the keys that were used, the recording's arguments with the hand's poses added, and
     sentences on them.
 
-    Args:
-        side: The sidecar, whose `hand` names the body.
-        read: Arguments of `StrikeRecording`, with `t` (T,), `points` (T, M, 3) [m] and `up`.
-        body: Places (T, 3) in the file's units and axes, and quaternions (T, 4), of the body; 0 or NaN where missing.
-        units, axes: Those of the file, see `Sidecar.metres`.
-
-    Raises:
-        InputError: The body was seen in fewer than two frames, or the axes are not three, right-handed.
+    `read` has `t` (T,), `points` (T, M, 3) [m] and `up`. The body has places (T, 3) in the file's units and axes, and
+    quaternions (T, 4), 0 or NaN where missing.
     """
     from scipy.spatial.transform import Rotation
 

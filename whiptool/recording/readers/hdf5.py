@@ -27,16 +27,7 @@ KINDS = {
 
 
 def read_hdf5(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read an HDF5 file of pose estimation.
-
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is damaged or holds no tracks, there are several animals and none is named, the times or
-            the conversion to metres are missing, or a value is not allowed; or h5py is not installed.
-    """
+    """Read an HDF5 file of pose estimation; `options` are keys of its sidecar, whose values they override."""
     path = whole_file(path)
     optional("h5py", "HDF5 files")
     read = parsed_apart(path, "HDF5", parse)
@@ -54,13 +45,7 @@ def read_hdf5(path: Path | str, **options: Any) -> StrikeRecording:
 
 
 def parse(path: str) -> dict[str, np.ndarray]:
-    """Return the arrays of the first of `KINDS` that a file has, and the `kind`.
-
-    It runs in a separate process.
-
-    Raises:
-        InputError: The file has none of them.
-    """
+    """Return the arrays of the first of `KINDS` that a file has, and the `kind`; it runs in a separate process."""
     import h5py
 
     with h5py.File(path, "r") as file:

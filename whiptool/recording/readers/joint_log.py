@@ -83,11 +83,7 @@ def holds_log(names: Sequence[str]) -> bool:
 
 
 def read_csv_logs(path: Path) -> Logs:
-    """Read all logs of a CSV file.
-
-    Raises:
-        InputError: See `read_joint_log`; or there is a sidecar, of which a log alone takes nothing.
-    """
+    """Read all logs of a CSV file; a sidecar next to it is refused, because a log alone takes nothing of it."""
     refuse_unheard(path, *UNHEARD)
     names, table = read_columns(path)
     posed = set(POSE) <= set(names)
@@ -98,11 +94,7 @@ def read_csv_logs(path: Path) -> Logs:
 
 def read_poses(path: Path) -> JointLog:
     """Read a log of the hand's poses from a CSV file with the columns `POSE`: `q` (S, 7) has places [m] and quaternions
-    (x, y, z, w).
-
-    Raises:
-        InputError: See `read_joint_log`; or a quaternion is 0.
-    """
+    (x, y, z, w)."""
     return _poses(path, *read_columns(path))
 
 
@@ -115,16 +107,8 @@ def _poses(path: Path, names: Sequence[str], table: np.ndarray) -> JointLog:
 
 
 def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None = None) -> JointLog:
-    """Read a log of joint positions from a CSV file.
-
-    Args:
-        path: The file.
-        columns: Columns of the arm's joints, see `asked` of `joint_log`.
-
-    Raises:
-        InputError: The file is not a joint log, has no joints, lacks a column, units differ, or time stamps are
-            implausible.
-    """
+    """Read a log of joint positions from a CSV file; `columns` are those of the arm's joints, see `asked` of
+    `joint_log`."""
     return _joints(path, *read_columns(path), columns)
 
 
@@ -162,20 +146,11 @@ def joint_log(
     *,
     of: str,
 ) -> JointLog:
-    """Return the log of the columns that are joints.
+    """Return the log of the columns that are joints, of a table (S, N) at times t (S,) [s].
 
-    Args:
-        t: Times [s], (S,).
-        table: The other columns, (S, N).
-        names: Names of the N columns; empty: the columns have no names, and are the joints in the arm's order.
-        asked: Columns of the arm's joints: by the joints' names, or in the arm's order; None: they are recognised by
-            the columns' names.
-        place: Location of the columns, for messages.
-        of: Name of the times.
-
-    Raises:
-        InputError: The number of names is not that of columns, a requested column is missing, no column is a joint,
-            their units differ, or time stamps are implausible.
+    The N columns have `names`; without names, they are the joints in the arm's order. `asked` are the columns of the
+    arm's joints: by the joints' names, or in the arm's order; None: they are recognised by the columns' names. For
+    messages, `place` is the location of the columns and `of` the name of the times.
     """
     if len(names) != table.shape[1] and (names or asked is not None):
         raise InputError(

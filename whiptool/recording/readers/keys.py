@@ -23,17 +23,10 @@ _OF_SIDECARS = {
 
 
 def refuse_unheard(path: Path, what: str, fix: str) -> None:
-    """Refuse a sidecar `NAME.toml` next to a file of which nothing is read.
+    """Refuse a sidecar `NAME.toml` next to a file of which nothing is read; the message says `what` the file is, and in
+    `fix` where its values have to be stated.
 
     One of another file `NAME` is left alone, and so is a TOML file that has no key of a sidecar, such as a model's.
-
-    Args:
-        path: The file.
-        what: Description of the file, for the message.
-        fix: Where its values have to be stated.
-
-    Raises:
-        InputError: There is such a sidecar; the message names it. Or it is not TOML.
     """
     side = path.with_suffix(".toml")
     if not side.is_file() or [x for x in path.parent.glob(f"{escape(path.stem)}.*") if x not in (path, side)]:
@@ -65,19 +58,12 @@ class _Asked(Mapping[str, Any]):
 
 @dataclass(frozen=True)
 class Keys:
-    """Checked access to the keys of a table.
+    """Checked access to the keys of a table."""
 
-    Args:
-        values: Values by key.
-        folder: Folder to which file names in it are relative.
-        place: Prefix of names in error messages.
-        asked: Keys whose values were asked for; those of changed copies count, too.
-    """
-
-    values: Mapping[str, Any]
-    folder: Path
-    place: str
-    asked: set[str] = field(default_factory=set)
+    values: Mapping[str, Any]  # values by key
+    folder: Path  # folder to which file names in it are relative
+    place: str  # prefix of names in error messages
+    asked: set[str] = field(default_factory=set)  # keys whose values were asked for, also from changed copies
 
     @property
     def table(self) -> Mapping[str, Any]:
@@ -90,14 +76,7 @@ class Keys:
         return replace(self, values={key: value for key, value in table.items() if value is not None})
 
     def check_used(self, but: tuple[str, ...] = ()) -> None:
-        """Refuse keys of which no use was made.
-
-        Args:
-            but: Keys that are for something else that the same file holds.
-
-        Raises:
-            InputError: The value of a key was never asked for.
-        """
+        """Refuse keys whose values were never asked for, except those that are for something else in the file."""
         for key in self.values:
             if key not in self.asked and key not in but:
                 raise self.refuse(key, "none, for it has no effect on this file", "leave it out")

@@ -36,17 +36,8 @@ KEYS = (*SPACE, *CLOCK, *PIXELS, "sigma", "markers_feature", "joints_feature")
 
 
 def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> StrikeRecording:
-    """Read one episode of a dataset that contains marker positions.
-
-    Args:
-        folder: The dataset.
-        episode: Index of the episode.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: See `lerobot_episode`; or the dataset has no markers (its images must be tracked), or a value is not
-            allowed.
-    """
+    """Read one episode, by its index, of a dataset that contains marker positions; `options` are keys of the sidecar
+    file, whose values they override."""
     folder = Path(folder)
     side = _sidecar(folder, episode, options)
     data = lerobot_episode(folder, episode)
@@ -68,18 +59,9 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
 
 
 def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int = 0, **options: Any) -> VideoSource:
-    """Return one camera's images of one episode, with the measured joints in `about`.
-
-    Args:
-        folder: The dataset.
-        camera: Name of the feature, such as `observation.images.front`; None: the only camera.
-        episode: Index of the episode.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: See `lerobot_episode`; or the camera does not exist, its file is missing or too short, or a value is
-            not allowed; or OpenCV is not installed.
-    """
+    """Return one camera's images of one episode, by its index, with the measured joints in `about`. `camera` is a
+    feature such as `observation.images.front`, by default the only camera; `options` are keys of the sidecar file,
+    whose values they override."""
     folder = Path(folder)
     side = _sidecar(folder, episode, options)
     data = lerobot_episode(folder, episode)
@@ -137,11 +119,7 @@ def _joints(data: Episode, side: Sidecar) -> JointLog | None:
 
 
 def read_lerobot_logs(folder: Path | str, *, episode: int = 0) -> Logs:
-    """Read the log of joints of one episode of a dataset without markers and images.
-
-    Raises:
-        InputError: See `lerobot_episode`; or it has no joints.
-    """
+    """Read the log of joints of one episode of a dataset without markers and images."""
     data = lerobot_episode(folder, episode)
     with parsing(Path(folder), "LeRobot dataset"):
         log = _joints(data, _sidecar(Path(folder), episode, {}))

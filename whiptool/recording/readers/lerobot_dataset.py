@@ -33,34 +33,19 @@ _OLD = "main_"  # before a joint's name: LeRobot until 0.2, whose motors were in
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One episode of a dataset, of T rows.
+    """One episode of a dataset, of T rows."""
 
-    Args:
-        t: Times (`timestamp`) [s], (T,), 0 at the episode's first row.
-        columns: Numeric features by name, (T, n), such as `observation.state` and `action`.
-        names: Names of the n columns of each feature, if `info.json` states them.
-        videos: For each camera its MP4 file, and the time at which the episode begins in it [s].
-        fps: Rate of rows and images [1/s].
-        files: Files that were read.
-        version: Version of the dataset's format.
-    """
-
-    t: np.ndarray
-    columns: dict[str, np.ndarray]
-    names: dict[str, list[str]]
-    videos: dict[str, tuple[Path, float]]
-    fps: float
-    files: tuple[Path, ...]
-    version: str
+    t: np.ndarray  # times [s], (T,), 0 at the episode's first row
+    columns: dict[str, np.ndarray]  # numeric features by name, (T, n), such as `observation.state` and `action`
+    names: dict[str, list[str]]  # of the n columns of each feature, if `info.json` states them
+    videos: dict[str, tuple[Path, float]]  # MP4 file of each camera, and when the episode begins in it [s]
+    fps: float  # rate of rows and images [1/s]
+    files: tuple[Path, ...]  # that were read
+    version: str  # of the dataset's format
 
 
 def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
-    """Read the rows of an episode, and the location of its images.
-
-    Raises:
-        InputError: The folder is not a dataset of version 2 or 3, is damaged, or has no such episode; or pyarrow is not
-            installed.
-    """
+    """Read the rows of an episode of a dataset of version 2 or 3, and the location of its images."""
     folder = Path(folder)
     info_file = whole_file(folder / "meta/info.json")
     parquet = optional("pyarrow.parquet", "LeRobot datasets")
@@ -188,19 +173,12 @@ def _names(names: object) -> list[str]:
 
 
 def joints_of(data: Episode, feature: str, asked: Any = None, *, stated: bool = False) -> JointLog:
-    """Return the log of joints of an episode, with the unit that names or numbers state, if they do.
+    """Return the log of joints in a feature of an episode, such as `observation.state`, with the unit that names or
+    numbers state; if they do not, and the user has not `stated` it, joints of LeRobot's motors are refused. For `asked`
+    see `whiptool.recording.readers.joint_log.joint_log`.
 
     Motors of LeRobot are in degrees or normalized, which no file says: joints called `main_...` were written by LeRobot
     before its motors could be normalized, and what goes beyond 100 is not normalized; both are in degrees.
-
-    Args:
-        data: The episode.
-        feature: The feature with the joints, such as `observation.state`.
-        asked: Columns of the arm's joints, see `whiptool.recording.readers.joint_log.joint_log`.
-        stated: Whether the user states the unit.
-
-    Raises:
-        InputError: See `joint_log`; or the joints are of LeRobot's motors, and nothing says in which unit they are.
     """
     table, names = data.columns[feature], data.names.get(feature, [])
     names = names if len(names) == table.shape[1] else []

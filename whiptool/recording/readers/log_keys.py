@@ -50,15 +50,9 @@ class LogKeys(Keys):
         return self if "start" in self.table else self.changed(start=float(t))
 
     def logged(self, log: JointLog | None, up: str = "z") -> tuple[dict[str, Any], list[str]]:
-        """Return the logs as arguments of `StrikeRecording`, by the recording's clock, and sentences on them.
-
-        Args:
-            log: Joint log in the recording itself, used if the sidecar names no file.
-            up: Which axis of the recording's places points up, `y` or `z`; the hand's poses are turned to these axes.
-
-        Raises:
-            InputError: A value is not allowed, or a file cannot be read.
-        """
+        """Return the logs as arguments of `StrikeRecording`, by the recording's clock, and sentences on them. `log` is
+        that in the recording itself, used if the sidecar names no file; the hand's poses are turned so that `up`, `y`
+        or `z`, is the recording's axis that points up."""
         fields, said = {}, list[str]()
         for what in LOGS:
             self._refuse_its_sidecar(what)
@@ -103,11 +97,7 @@ class LogKeys(Keys):
 
     def angles(self, log: JointLog) -> tuple[np.ndarray, list[str]]:
         """Return the joint angles of a log in rad (S, a), with jumps by full turns removed, and sentences on this and
-        on the unit.
-
-        Raises:
-            InputError: The unit contradicts the columns' names, or is `normalized` without the joints' ranges.
-        """
+        on the unit."""
         unit, said = self.word("joint_units", ANGLES, log.unit or "rad"), []
         if log.unit and unit != log.unit:
             raise self.refuse("joint_units", f"{log.unit}, as the columns are called {', '.join(log.names)}"[:200])
@@ -149,11 +139,7 @@ class LogKeys(Keys):
         return given[0], given[1]
 
     def held(self, poses: np.ndarray) -> tuple[np.ndarray, list[str]]:
-        """Return the poses (S, 7) of the model's hand, from those of the logged frame, and a sentence on its axes.
-
-        Raises:
-            InputError: `hand_axes` or `hand_offset` has a value that is not allowed.
-        """
+        """Return the poses (S, 7) of the model's hand, from those of the logged frame, and a sentence on its axes."""
         from scipy.spatial.transform import Rotation
 
         axes, offset = self.table.get("hand_axes"), self.array("hand_offset", 3)

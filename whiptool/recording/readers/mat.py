@@ -39,16 +39,7 @@ SPREAD = ("sigma", "t_points")  # variables with one number for each point, or f
 
 
 def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read a MAT file of version 5.
-
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file has another version (7.3 is HDF5), is damaged, contains MATLAB objects or functions, lacks
-            a variable, or a value is not allowed.
-    """
+    """Read a MAT file of version 5 (7.3 is HDF5); `options` are keys of its sidecar, whose values they override."""
     path = whole_file(path)
     _check_version(path)
     flat = parsed_apart(path, "mat", parse)
@@ -165,10 +156,6 @@ def parse(path: str) -> dict[str, np.ndarray]:
     """Return all variables by name, fields of structs as `struct.field`, cell arrays of texts as arrays.
 
     It runs in a separate process, as the parser may crash on damaged files.
-
-    Raises:
-        InputError: The file contains an object, a function, an array of structs, or a cell array of other things than
-            texts.
     """
     from scipy.io import loadmat
 

@@ -55,12 +55,7 @@ class Capture:
 
 
 def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
-    """Return the recording of a motion capture file.
-
-    Raises:
-        InputError: There are no markers or none was ever seen, the sidecar names a marker that is not there, axes or
-            units are unknown, or a value is not allowed.
-    """
+    """Return the recording of a motion capture file."""
     if not len(capture.labels):
         raise InputError(str(path), f"{capture.what} without markers", "at least one marker", "export the markers, too")
     capture = _labeled(side, capture)
@@ -115,12 +110,7 @@ def text_reader(
     makes what they hold."""
 
     def read(path: Path | str, **options: Any) -> StrikeRecording:
-        """Read a file; `options` are keys of its sidecar, whose values they override.
-
-        Raises:
-            InputError: The file is damaged, holds no markers, lacks what the sidecar does not state, or a value is not
-                allowed.
-        """
+        """Read a file; `options` are keys of its sidecar, whose values they override."""
         path = whole_file(path, largest=LARGEST_TABLE)
         side = Sidecar.of(path, options, *KEYS)
         with parsing(path, kind):
@@ -187,11 +177,8 @@ def axes_of(forward: str, up: str) -> tuple[str, str, str] | None:
 
 
 def unit_of(name: str, what: str, side: Sidecar) -> str:
-    """Return the unit of length for its name in a file.
-
-    Raises:
-        InputError: The name is unknown, and the sidecar does not state `units`.
-    """
+    """Return the unit of length for its name in a file; an unknown name is refused if the sidecar does not state
+    `units`."""
     units = name.strip().lower()
     units = SPELLED.get(units.rstrip("s"), units)
     if units in UNITS:
@@ -202,11 +189,7 @@ def unit_of(name: str, what: str, side: Sidecar) -> str:
 
 
 def rate_of(value: object, what: str) -> float:
-    """Return a rate [1/s] that a file states.
-
-    Raises:
-        InputError: It is not a number from 1 to 100000.
-    """
+    """Return a rate [1/s] that a file states, a number from 1 to 100000."""
     try:
         rate = number_in(str(value))
     except ValueError:
@@ -217,16 +200,11 @@ def rate_of(value: object, what: str) -> float:
 
 
 def even_times(t: np.ndarray, number: np.ndarray, rate: float, what: str) -> tuple[np.ndarray, str]:
-    """Return the times [s] of frames, and a sentence on their source.
+    """Return the times (T,) [s] of frames, and a sentence on `what` they are from: the written times t (T,) [s], or the
+    frames' numbers (T,) at the rate that the file states [1/s].
 
     Where the written times are those of an even clock, rounded to few digits, the clock's own times count: at 120
     frames per second times in whole milliseconds are wrong by up to 0.5 ms, and a whip's tip moves by 1 cm in that.
-
-    Args:
-        t: Written times [s], (T,).
-        number: Numbers of the frames, (T,).
-        rate: Rate that the file states [1/s].
-        what: Source of the times.
     """
     digits = next((k for k in range(3, 9) if np.abs(t * 10**k - np.round(t * 10**k)).max() < 1e-3), 9)
     steps = np.diff(number)
@@ -241,12 +219,8 @@ def even_times(t: np.ndarray, number: np.ndarray, rate: float, what: str) -> tup
 
 
 def text_rows(path: Path, mark: str) -> list[list[str]]:
-    """Return all rows of a text table of another program without trailing empty cells, blank rows included.
-
-    Args:
-        path: The file.
-        mark: What separates cells.
-    """
+    """Return all rows of a text table of another program without trailing empty cells, blank rows included; `mark`
+    separates cells."""
     found = []
     for row in csv.reader(io.StringIO(text_of(path), newline=""), delimiter=mark):
         cells = [cell.strip() for cell in row]
@@ -257,17 +231,8 @@ def text_rows(path: Path, mark: str) -> list[list[str]]:
 
 
 def numbers(rows: list[list[str]], first: int, columns: Sequence[int], width: int) -> np.ndarray:
-    """Return some columns of the rows from `first` on as numbers (rows, columns); empty cells and `NaN` are NaN.
-
-    Args:
-        rows: Rows without trailing empty cells; blank rows are left out.
-        first: Index of the first row of numbers.
-        columns: Indices of the columns.
-        width: Number of columns of the table.
-
-    Raises:
-        InputError: There are no rows, a row is too long, or a cell is not a number.
-    """
+    """Return some columns, by index, of the rows from `first` on as numbers (rows, columns); empty cells and `NaN` are
+    NaN, blank rows are left out. `width` is the table's number of columns."""
     table: list[list[float]] = []
     for i, row in enumerate(rows[first:], first + 1):
         if len(row) > width:

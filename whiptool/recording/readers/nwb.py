@@ -28,11 +28,7 @@ SAME = 1e-3  # of the step between frames, within which two times are one
 
 def of_nwb(file: Any) -> dict[str, np.ndarray] | None:
     """Return the pose estimations of an open NWB file: `animals`, and of the animal number i `i.parts`, `i.points`
-    (T, M, d), `i.unit`, `i.t` (T,) [s], `i.clock` and, if there are any, `i.scores` (T, M); None: it is no NWB file.
-
-    Raises:
-        InputError: There is no pose estimation, or its series have different times.
-    """
+    (T, M, d), `i.unit`, `i.t` (T,) [s], `i.clock` and, if there are any, `i.scores` (T, M); None: it is no NWB file."""
     if "nwb_version" not in file.attrs:
         return None
     found: dict[str, list[Any]] = {}

@@ -48,12 +48,7 @@ class Poses:
 
 
 def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
-    """Return the recording of a file of pose estimation.
-
-    Raises:
-        InputError: There are no body parts or fewer than two frames, none was ever seen, the sidecar names a part that
-            is not there, the times or the way to metres are missing, or a value is not allowed.
-    """
+    """Return the recording of a file of pose estimation."""
     parts = list(poses.parts)
     if not parts:
         raise InputError(str(path), f"{poses.what} without body parts", "at least one body part")
@@ -117,11 +112,7 @@ def _numbers(side: Sidecar, poses: Poses) -> np.ndarray | None:
 
 
 def individual(side: Sidecar, known: Sequence[str], what: str) -> int:
-    """Return the index of the animal to read: that of the key `individual`, or the only one.
-
-    Raises:
-        InputError: There are several or none, or none of that name.
-    """
+    """Return the index of the animal to read: that of the key `individual`, or the only one."""
     if "individual" in side.table:
         return list(known).index(side.word("individual", tuple(known), ""))
     if len(known) != 1:

@@ -18,19 +18,12 @@ HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of such a file
 
 @dataclass(frozen=True)
 class Program:
-    """A file format of another program.
+    """A file format of another program."""
 
-    Args:
-        what: Description of the format.
-        cure: Advice to the user if the format is not read.
-        suffixes: File suffixes; empty: any.
-        head: Regular expression for the first bytes of a file.
-    """
-
-    what: str
-    cure: str = ""
-    suffixes: tuple[str, ...] = ()
-    head: bytes = b""
+    what: str  # description of the format
+    cure: str = ""  # advice to the user if the format is not read
+    suffixes: tuple[str, ...] = ()  # file suffixes; empty: any
+    head: bytes = b""  # regular expression for the first bytes of a file
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Whether a path with these first bytes has this format."""
@@ -78,11 +71,7 @@ def beginning(path: Path) -> bytes:
 
 
 def refuse_others(path: Path, head: bytes, known: tuple[Program, ...] = OTHERS) -> None:
-    """Refuse a file of another program by its first bytes.
-
-    Raises:
-        InputError: The format is one of `known`; the message advises the user.
-    """
+    """Refuse a file of another program, one of `known`, by its first bytes; the message advises the user."""
     for form in known:
         if form.matches(path, head):
             raise InputError(str(path), form.what, "a recording in a supported format", form.cure)

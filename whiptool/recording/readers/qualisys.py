@@ -76,11 +76,7 @@ def _times(table: np.ndarray, timed: bool, said: dict[str, str]) -> tuple[np.nda
 
 def labelled(found: Any) -> dict[str, np.ndarray] | None:
     """Return what a variable of a MAT file holds as QTM's struct: `points` (T, M, 3) [mm], `labels`, `rate`, `first`
-    (frame number) and `filled`, how many points of each marker were filled; None: it is not such a struct.
-
-    Raises:
-        InputError: QTM exported no labelled trajectories.
-    """
+    (frame number) and `filled`, how many points of each marker were filled; None: it is not such a struct."""
     if not isinstance(found, np.ndarray) or found.dtype.names is None or found.size != 1:
         return None
     if not {"FrameRate", "Frames", "File"} <= set(found.dtype.names):

@@ -20,16 +20,11 @@ def read_joints(
     *,
     stated: bool = False,
 ) -> JointLog:
-    """Read a log of joint positions.
+    """Read a log of joint positions from a CSV file, a ROS bag, or the folder of a LeRobot dataset (`FOLDER#3` is its
+    episode 3).
 
-    Args:
-        path: A CSV file, a ROS bag, or the folder of a LeRobot dataset (`FOLDER#3` is its episode 3).
-        columns: Columns of the arm's joints, see `asked` of `whiptool.recording.readers.joint_log.joint_log`.
-        topic: Topic of a bag; None: the only one with joints.
-        stated: Whether the user states the unit of the joints.
-
-    Raises:
-        InputError: The file has another format or is damaged, lacks a column, or a topic is given for another format.
+    `columns` are those of the arm's joints, see `asked` of `whiptool.recording.readers.joint_log.joint_log`; `topic` is
+    that of a bag, by default the only one with joints. `stated` says whether the user states the joints' unit.
     """
     folder, number = without_number(path)
     if (folder / "meta/info.json").is_file():
@@ -42,16 +37,8 @@ def read_joints(
 
 
 def read_hand(path: Path, topic: str | None = None, frames: Sequence[str] | None = None) -> JointLog:
-    """Read a log of the hand's poses, (S, 7): place [m] and quaternion (x, y, z, w).
-
-    Args:
-        path: A CSV file with the columns `POSE`, or a ROS bag.
-        topic: Topic of a bag; None: the only one with poses, or whose name holds `hand`.
-        frames: Names of the base's and the hand's frame in a bag, for poses from `tf`.
-
-    Raises:
-        InputError: The file has another format or is damaged, or a topic or frames are given for CSV.
-    """
+    """Read a log of the hand's poses, (S, 7): place [m] and quaternion (x, y, z, w), from a CSV file with the columns
+    `POSE` or a ROS bag, whose `topic` and `frames` are as for `bag_hand`."""
     if is_bag(path, b""):
         return bag_hand(path, topic, frames)
     _no_topic("hand_topic", topic, path)

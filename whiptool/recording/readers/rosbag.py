@@ -40,29 +40,14 @@ ENCODINGS = {  # type of a number, how many a pixel, whether red comes first
 
 
 def db3_topics(path: Path | str) -> dict[str, int]:
-    """Return the topics with images, and the number of images of each.
-
-    Raises:
-        InputError: The file is not a bag or is damaged; or rosbags is not installed.
-    """
+    """Return the topics with images, and the number of images of each."""
     return {name: topic.count for name, topic in bag_topics(path).items() if topic.kind == IMAGE}
 
 
 def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield time stamp [s] and image of each message of a topic, in the order of recording.
-
-    Args:
-        path: The `.db3` file, or the bag's folder.
-        topic: Topic of the images; None if only one topic has images.
-
-    Yields:
-        The time stamp in the message's header, and the image: (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or
-            uint16.
-
-    Raises:
-        InputError: The file is not a bag or is damaged; the topic does not exist; an image is cut off or has another
-            encoding than 16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8 or bgra8; or rosbags is not installed.
-    """
+    """Yield the time stamp in the header [s] and the image of each message of a topic, by default the only one with
+    images, in the order of recording. An image is (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or uint16. `path`
+    is the `.db3` file, or the bag's folder."""
     topic = _one_topic(path, topic)
     for _, _, message in bag_messages(path, [topic], [IMAGE]):
         with parsing(Path(path), "ROS bag"):
@@ -71,11 +56,7 @@ def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[flo
 
 
 def decode_image(message: Any) -> np.ndarray:
-    """Convert a `sensor_msgs/Image` to an array: (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or uint16.
-
-    Raises:
-        InputError: The encoding is not supported, or the data do not fit the image size.
-    """
+    """Convert a `sensor_msgs/Image` to an array: (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or uint16."""
     if message.encoding not in ENCODINGS:
         raise InputError("encoding", message.encoding, "one of " + ", ".join(ENCODINGS))
     kind, channels, red_first = ENCODINGS[message.encoding]
@@ -93,16 +74,8 @@ def decode_image(message: Any) -> np.ndarray:
 
 
 def read_db3(path: Path | str, **options: Any) -> VideoSource:
-    """Return the images of one topic of a bag.
-
-    Args:
-        path: The `.db3` file, or the bag's folder.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: See `db3_frames`; or there are fewer than two images, they differ in size, or a value is not
-            allowed.
-    """
+    """Return the images of one topic of a bag, a `.db3` file or a folder; `options` are keys of its sidecar, whose
+    values they override."""
     path = Path(path)
     side = bag_sidecar(path, options)
     topic = _one_topic(path, side.table.get("topic"))
@@ -136,11 +109,8 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
 
 
 def bag_sidecar(path: Path, options: dict[str, Any]) -> Sidecar:
-    """Return the sidecar of a bag: `NAME.toml` next to the file, or `whiptool.toml` in the folder.
-
-    Raises:
-        InputError: A folder has a sidecar next to it, where nothing reads it, or see `Sidecar.of`.
-    """
+    """Return the sidecar of a bag: `NAME.toml` next to the file, or `whiptool.toml` in the folder; one next to a folder
+    is refused, because nothing reads it."""
     if path.is_dir():
         refuse_unheard(path, "a bag in a folder", "move it into the folder, as whiptool.toml")
     keys = (*CLOCK, *PIXELS, *FILM, *SPACE, "topic", "markers", "sigma")

@@ -83,18 +83,9 @@ class Sidecar(LogKeys):
         file: Path | None = None,
         table: Mapping[str, Any] | None = None,
     ) -> Sidecar:
-        """Return the sidecar of a recording, if there is one, combined with options.
-
-        Args:
-            path: File of the recording.
-            options: Options of the reader, which override the sidecar.
-            keys: Keys of the format in addition to the common keys.
-            file: File of the sidecar, if it is not `NAME.toml`.
-            table: What of this file counts; None: all.
-
-        Raises:
-            InputError: The sidecar is not TOML, or a key is unknown.
-        """
+        """Return the sidecar of a recording's file, if there is one, combined with the reader's options, which override
+        it. The format has `keys` in addition to the common ones; `file` is the sidecar's, if not `NAME.toml`, and
+        `table` what of it counts, by default all."""
         file = file or path.with_suffix(".toml")
         if table is None:
             table = read_toml(file) if file.is_file() else {}
@@ -109,16 +100,8 @@ class Sidecar(LogKeys):
 
     def fields(self, notes: Sequence[str] = (), log: JointLog | None = None, up: str = "z") -> dict[str, Any]:
         """Return the values of the keys common to all formats as arguments of `StrikeRecording`; `start` is subtracted
-        from the times of joints and hand only.
-
-        Args:
-            notes: Further remarks of the reader.
-            log: Joint log in the recording itself, used if the sidecar names no file.
-            up: See `logged`.
-
-        Raises:
-            InputError: A value is not allowed.
-        """
+        from the times of joints and hand only. `notes` are further remarks of the reader; for `log` and `up` see
+        `logged`."""
         fields: dict[str, Any] = {
             key: self.table[key] for key in ("target", "t_stay", "exposure", "up") if key in self.table
         }
@@ -155,18 +138,9 @@ class Sidecar(LogKeys):
         others: tuple[str, ...] = (),
         **read: Any,
     ) -> StrikeRecording:
-        """Return the recording of a file; keys of the sidecar override data of the file.
-
-        Args:
-            path: The file, which is hashed if no `files` are given.
-            notes, log: See `fields`.
-            files: Files that were read.
-            others: Keys that are for something else in the file, such as its images.
-            read: Arguments of `StrikeRecording` that were read from the file.
-
-        Raises:
-            InputError: A value is not allowed, or a key has no effect on this file.
-        """
+        """Return the recording of a file from what was `read` from it, arguments of `StrikeRecording`; keys of the
+        sidecar override these. `files` were read and are hashed, by default `path`; the keys `others` are for something
+        else in the file, such as its images; for `notes` see `fields`, for `log` `logged`."""
         source: dict[str, Any] = {"source": str(path), "sha256": sha256(files or path), "start": self.start}
         in_space = read["points"].shape[2] == 3 and read.get("view") is None
         up = self.table.get("up", read.get("up")) if in_space else None
@@ -190,9 +164,6 @@ class Sidecar(LogKeys):
         state.
 
         The file is next to the sidecar; an option may name a file elsewhere.
-
-        Raises:
-            InputError: A key is missing, or the file has no camera of that name.
         """
         name, cameras = self.table.get("camera"), self.table.get("cameras")
         if cameras is None:
@@ -234,12 +205,8 @@ class Sidecar(LogKeys):
 
     def places(self, columns: dict[str, dict[str, int]], table: np.ndarray) -> dict[str, Any]:
         """Return a table's M markers as arguments of `StrikeRecording`: `markers`, `points` (T, M, d) [m] in whiptool's
-        axes, and `sigma` (T, M) [m], None where neither columns nor sidecar state it.
-
-        Args:
-            columns: Indices of the columns of each marker's coordinates and, if it has one, of its `sigma`, by name.
-            table: All columns, (T, columns), in the file's units and axes.
-        """
+        axes, and `sigma` (T, M) [m], None where neither columns nor sidecar state it. `columns` are the indices of each
+        marker's coordinates and `sigma` in the table (T, columns), which is in the file's units and axes."""
         axes = [axis for axis in AXES if axis in next(iter(columns.values()))]
         unit, stated = UNITS[self.word("units", UNITS, "m")], ["sigma" in found for found in columns.values()]
         default = None if all(stated) else self.sigma()

@@ -28,16 +28,7 @@ COORDS = (".x", ".y", ".score")
 
 
 def read_sleap(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read a CSV file of SLEAP.
-
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is damaged, there are several animals and none is named, the times or the conversion to
-            metres are missing, or a value is not allowed.
-    """
+    """Read a CSV file of SLEAP; `options` are keys of its sidecar, whose values they override."""
     path = whole_file(path, largest=LARGEST_TABLE)
     side = Sidecar.of(path, options, *poses.KEYS)
     with parsing(path, "SLEAP CSV"):
@@ -79,13 +70,10 @@ CENTRED = 1.1  # format from which (0, 0) is the centre of the first pixel, not 
 
 
 def of_project(file: Any) -> dict[str, np.ndarray] | None:
-    """Return the tracks of an open project, as `of_analysis`, and the `numbers` (T,) of the frames; None: it is
-    no project.
+    """Return the tracks of an open project, as `of_analysis`, and the `numbers` (T,) of the frames; None: it is no
+    project.
 
     Where a person corrected what was predicted, the correction counts.
-
-    Raises:
-        InputError: Frames belong to several videos, or several instances of a frame have no track or the same.
     """
     if "pred_points" not in file or "instances" not in file or "metadata" not in file:
         return None

@@ -25,11 +25,7 @@ LARGEST_TABLE = 2**27  # [bytes] of text, which takes about ten times as much in
 
 
 def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
-    """Read a CSV file with one row of names: return the names, and the numbers (rows, columns); empty cells are NaN.
-
-    Raises:
-        InputError: The file cannot be read, has no rows, a row has another length, or a cell is not a number.
-    """
+    """Read a CSV file with one row of names: return the names, and the numbers (rows, columns); empty cells are NaN."""
     path = whole_file(path, largest=LARGEST_TABLE)
     with parsing(path, "CSV"):
         rows = csv_rows(path)
@@ -42,11 +38,7 @@ def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def time_column(names: Sequence[str]) -> tuple[int, float, str]:
-    """Return the index of the time column, its unit in seconds, and a sentence about that unit.
-
-    Raises:
-        InputError: There are several time columns.
-    """
+    """Return the index of the time column, its unit in seconds, and a sentence about that unit."""
     columns = [Column.of(name) for name in names]
     found = [i for i, column in enumerate(columns) if column.kind == TIME and not column.words]
     exact = [i for i in found if names[i] == "t"] or found
@@ -66,11 +58,7 @@ def without_repeated_rows(table: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def csv_rows(path: Path) -> list[list[str]]:
-    """Return the non-blank rows of a CSV file, at least one.
-
-    Raises:
-        InputError: The file has no columns, or another program's format is recognised.
-    """
+    """Return the non-blank rows of a CSV file, at least one."""
     refuse_others(path, beginning(path), EXPORTS + OTHERS)
     text = text_of(path)
     first = text.lstrip().partition("\n")[0]
@@ -99,10 +87,7 @@ _NUMERIC = re.compile(r"[-+\d.,eE]*|nan", re.IGNORECASE)
 
 def with_points(rows: list[list[str]], first: int = 1) -> list[list[str]]:
     """Return rows of cells with decimal points in place of decimal commas; `first` is the number of the first row.
-
-    Raises:
-        InputError: A number has separators of thousands, or may have: its column has both marks.
-    """
+    Separators of thousands, or a column that has both marks, are refused."""
     if not any("," in cell for row in rows for cell in row):
         return rows
     used: dict[int, set[str]] = {}
@@ -139,17 +124,8 @@ def number_of(cell: str, row: int, column: int) -> float:
 def split_columns(
     names: list[str], more: tuple[str, ...] = (), *, axes: tuple[str, ...] = AXES
 ) -> dict[str, dict[str, int]]:
-    """Return the index of each marker's column for each quantity (`x`, `y`, `z` and `more`), in order of appearance.
-
-    Args:
-        names: Names of the columns.
-        more: Further columns of a marker; if a name ends with two of them, the longer one counts.
-        axes: Names of the coordinates.
-
-    Raises:
-        InputError: A name has no such ending, a marker lacks one of the first two axes, or only some markers have the
-            third.
-    """
+    """Return the index of each marker's column for each quantity (its coordinates `axes`, of which the third may be
+    missing, and `more`), in order of appearance; if a column's name ends with two of `more`, the longer one counts."""
     columns: dict[str, dict[str, int]] = {}
     for i, name in enumerate(names):
         what = max((x for x in (*axes, *more) if name.endswith("_" + x)), key=len, default="")
@@ -177,15 +153,8 @@ def stacked(
     *,
     unit: float = 1.0,
 ) -> np.ndarray:
-    """Return one quantity of all M markers, (T, M).
-
-    Args:
-        table: Numbers of the file, (T, columns).
-        columns: Indices of each marker's columns, see `split_columns`.
-        what: The quantity, such as `x`.
-        otherwise: Value of markers that lack the column, a number or broadcastable to (T, M).
-        unit: Factor by which the column's values are multiplied.
-    """
+    """Return one quantity of all M markers, such as `x`, (T, M), from a table (T, columns) whose `columns` are as of
+    `split_columns`, times a factor `unit`; `otherwise` stands for markers that lack the column."""
     default = np.broadcast_to(otherwise, (len(table), len(columns)))
     found = [table[:, c[what]] * unit if what in c else default[:, j] for j, c in enumerate(columns.values())]
     return np.stack(found, axis=1)

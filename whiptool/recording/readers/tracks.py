@@ -52,15 +52,7 @@ DEPTH = ("depth", "depth_sigma")
 
 
 def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read tracks and their sidecar.
-
-    Args:
-        path: The CSV file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: A column is missing or unknown, a cell is not a number, or a value is not allowed.
-    """
+    """Read a CSV file of tracks; `options` are keys of its sidecar, whose values they override."""
     path = whole_file(path)
     names, table = read_columns(path)
     in_pixels = any(name.endswith("_u") for name in names)
@@ -231,14 +223,8 @@ def _joint_columns(recording: StrikeRecording) -> list[str]:
 
 
 def write_logs(logs: Logs, path: Path | str) -> list[Path]:
-    """Write a robot's logs as `NAME.csv`; poses of the hand at other times than the joints' go to `NAME.hand.csv`.
-
-    Returns:
-        The written files.
-
-    Raises:
-        InputError: The joints are not in rad or degrees, or a file cannot be written.
-    """
+    """Write a robot's logs as `NAME.csv`, and poses of the hand at other times than the joints' as `NAME.hand.csv`;
+    return the files. Joints must be in rad or degrees."""
     path, joints, hand = Path(path), logs.joints, logs.hand
     files: list[tuple[Path, list[str], np.ndarray]] = []
     if joints is not None:
