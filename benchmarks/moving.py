@@ -200,13 +200,13 @@ class Robot:
 
     Args:
         library: Strikes of the model.
-        reference: Its simulator in MuJoCo.
+        references: Its simulators in MuJoCo, with ever finer steps; the first that does not diverge is taken.
         places: Points that tips of other strikes within the limits pass, (P, d) [m].
         floor: Height of the floor [m], or minus infinity.
     """
 
     library: Library
-    reference: ReferenceRollout
+    references: tuple[ReferenceRollout, ...]
     places: np.ndarray
     floor: float
 
@@ -224,7 +224,9 @@ class Robot:
                     places += [paths[i, rng.choice(np.flatnonzero(fast))]] if fast.any() else []
         floors = [limits.floor for limits in striker.limits.members if getattr(limits, "floor", None) is not None]
         library = Library.build(striker, size=size)
-        return cls(library, ReferenceRollout(model), np.array(places), max(floors, default=-np.inf))
+        finer = (ReferenceRollout(model, timestep=h, integrator="RK4") for h in (5e-5, 2.5e-5))
+        references = (ReferenceRollout(model), *finer)
+        return cls(library, references, np.array(places), max(floors, default=-np.inf))
 
     def target(self, rng: np.random.Generator, number: int) -> MovingTarget:
         """A target that is above the floor until it passes one of the places; every other one is thrown."""
@@ -254,9 +256,11 @@ class Robot:
         if chosen is None:
             return {"planned": False}
         kept = bool(striker.keep(chosen.strike.vector[None])[0])
-        simulator = self.reference if kept else striker.rollout  # what is not kept cannot be a hit
-        path = simulator.trajectory(chosen.strike, t_stay=striker.t_stay)
-        whip = joint_points(self.reference.model, path.q[::5])[:, self.reference.model.arm.n :]
+        simulators = self.references if kept else [striker.rollout]  # what is not kept cannot be a hit
+        paths = (x.trajectory(chosen.strike, t_stay=striker.t_stay) for x in simulators)
+        path = next(path for path in paths if not path.diverged)
+        model = striker.rollout.model
+        whip = joint_points(model, path.q[::5])[:, model.arm.n :]
         there = target.positions(chosen.start + path.t)
         there[there[:, -1] < self.floor] = np.nan
         tip = [np.interp(chosen.contact - chosen.start, path.t, x) for x in path.tip.T]
@@ -300,7 +304,7 @@ def confirm(name: str, count: int, seeds: Sequence[int], size: int, tracks: Path
         "plans": len(plans),
         "kept": sum(x["kept"] for x in plans),
         "whip_above_floor": sum(above),
-        "lowest": min((x["height"] for x in plans), default=None),
+        "lowest": min((x["height"] for x in plans if np.isfinite(x["height"])), default=None),
         "contact_below_floor": sum(x["underground"] for x in plans),
         "contact_as_planned": sum(x["off"] <= RADII[0] for x in plans),
         "largest_off": max((x["off"] for x in plans), default=None),
