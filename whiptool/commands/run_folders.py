@@ -47,7 +47,11 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
         fields[name] = _named_now(fields[name])
     paths = [name for name, kind in kinds.items() if "Path" in kind and isinstance(fields.get(name), str)]
     fields |= {name: Path(fields[name]) for name in paths}
-    check_kinds(options, fields, f"{path / CONFIG}: options.")
+    try:
+        check_kinds(options, fields, "options.")
+    except InputError as error:
+        rule = "a folder of this command and version"
+        raise InputError("--resume", str(path / CONFIG), rule, f"reason: {error}") from None
     try:
         return options(**fields)
     except TypeError as error:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from functools import wraps
 from numbers import Real
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -122,7 +122,7 @@ def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tup
     return tuple(values[:n]), tuple(values[n : 2 * n]), values[-1]
 
 
-def is_row(value: object) -> bool:
+def is_row(value: object) -> TypeGuard[list[Any] | tuple[Any, ...] | np.ndarray]:
     """Whether a value is a list, a tuple, or an array that has rows."""
     return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
