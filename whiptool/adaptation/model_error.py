@@ -18,7 +18,7 @@ from whiptool.models.numbers import number
 
 @dataclass(frozen=True)
 class ModelError:
-    """Student's t distribution of the signed distance between the predicted and the true path of the tip at the target."""
+    """Student's t distribution of the signed distance from the predicted to the true path of the tip at the target."""
 
     scale: float = 0.0  # [m]
     freedom: float = np.inf  # degrees of freedom; infinite: a normal distribution with standard deviation `scale`

@@ -248,7 +248,7 @@ class RobotPort:
         return default_limits(self.model, prescribed=True)
 
     def _told(self, strike: Strike, folder: Path, believed: Model | None) -> Path:
-        """Write a strike's trajectory, and return its file; raise StrikeRefused if the strike is not within the limits."""
+        """Write a strike's trajectory, and return its file; raise StrikeRefused if the strike exceeds the limits."""
         path, beyond = self._planned(strike, believed)
         if beyond is not None:
             of_strike, at_start = beyond, replace(self.execution, posture=None)

@@ -70,7 +70,7 @@ def ratio_interval(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 
 def needs_fewer(one: np.ndarray, other: np.ndarray, *, share: float = 1.0) -> bool:
-    """Whether `one` needs significantly (95 %) fewer trials than `share` times those of `other`; see `ratio_interval`."""
+    """Whether `one` needs significantly (95 %) fewer trials than `share` times `other`; see `ratio_interval`."""
     return ratio_interval(one, share * other)[1] < 1
 
 

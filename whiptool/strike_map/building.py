@@ -248,7 +248,7 @@ _ZONE = {"target": None, "zone_radius": RADIUS, "sector": None, "region": None} 
 
 
 def building_of(config: Mapping[str, Any]) -> Building:
-    """Return the `Building`, before its first part, that the configuration of a run of `whiptool map build` describes."""
+    """Return the `Building`, before its first part, that the configuration of a run of `map build` describes."""
     options, model = config["options"], model_from_table(config["model"])
     controller = controller_from_table(config["controller"])
     controller.check_fits(model.arm)
