@@ -16,7 +16,7 @@ import numpy as np
 from whiptool.comparison.series import MAIN_CONVENTION, MethodUnit
 from whiptool.extras import optional
 from whiptool.given_files import parsing, read_json
-from whiptool.models.numbers import number, numbers
+from whiptool.models.numbers import float_array, number
 from whiptool.rl.trained import one_torch_thread
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
@@ -203,10 +203,11 @@ class Checkpoint:
         if self.path.exists() and self.history.exists():
             with parsing(self.history, "JSON"):
                 history = read_json(self.history)
-                rewards, seconds = numbers("rewards", history["rewards"]), number("seconds", history["seconds"])
+                rewards = float_array("rewards", history["rewards"]).tolist()
+                seconds = number("seconds", history["seconds"])
             if len(rewards) >= int(load_checkpoint(self.path)["done"]):
                 training.load(self.path)
-                return {"rewards": list(rewards[: training.done]), "seconds": seconds}
+                return {"rewards": rewards[: training.done], "seconds": seconds}
         return {"rewards": [], "seconds": 0.0}
 
     def save(self, training, history: dict[str, Any]) -> None:

@@ -5,8 +5,7 @@ optionally `velocity` like `angle`. `NAME.csv` has one row of column names and o
 ...`, and optionally `velocity1, ...`. Angles are those between each link and the vertical. `NAME.toml` next to it may
 hold
 
-    zero = 3.14159265               # the angle at which a link hangs straight down; default 0, or pi where links are
-                                    # fastest there
+    zero = 3.14159265               # the angle at which a link hangs straight down; default 0, or pi if fastest there
     angle_units = "rad"             # or "deg"
     relative = false                # true: each angle is counted from the link before
     sigma = 0.002                   # standard error of an angle [rad]
