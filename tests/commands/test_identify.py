@@ -43,8 +43,8 @@ KEYS = {
     "singular_values", "condition_number",
     "flat_directions", "ratios", "residual_variance", "residual_correlation", "nuisance", "rmse", "held_out_rmse",
     "rmse_pixels", "held_out_rmse_pixels", "rmse_depth", "held_out_rmse_depth",
-    "recordings", "smoothed", "starts", "fit_time", "model", "N", "nodes", "controller", "controller_assumed", "plane", "synthetic",
-    "identified", "report", "seed", "version",
+    "recordings", "smoothed", "starts", "fit_time", "model", "N", "nodes", "controller", "controller_assumed", "plane",
+    "synthetic", "identified", "report", "seed", "version",
 }  # fmt: skip
 
 
