@@ -275,7 +275,7 @@ optimize --model folder.toml | folder.toml
 optimize --model empty.toml | whip
 optimize --model broken.toml | valid TOML
 optimize --model gibberish.toml | valid TOML
-optimize --model utf16.toml | valid TOML
+optimize --model utf16.toml | whip
 optimize --model zero.toml | whip.N
 optimize --model negative.toml | whip.m
 optimize --model infinite.toml | whip.m
