@@ -118,3 +118,22 @@ def test_sound_or_unknown_tracks_are_left_alone():
     assert without_filled(one) == (one, "")
     assert noise_of(track(0, decimals=3)) is None  # rounded as coarsely as it errs
     assert not is_smooth(track(0, decimals=3, edit=low_pass(2, 4.0)))
+
+
+@pytest.mark.parametrize("frames", [2, 3, 5, 15, 16])
+def test_a_few_frames_tell_nothing_of_noise(frames):
+    few = StrikeRecording(np.arange(frames) / 100, np.zeros((frames, 1, 2)), ("tip",), sigma=1e-3)
+    assert noise_of(few) is None
+    assert list(smoothing_findings(few)) == []
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_marker_that_is_never_seen_hides_nothing_of_the_others():
+    clean = track(3)
+    points = clean.points.copy()
+    points[:, 0] = np.nan
+    one = dataclasses.replace(clean, points=points)
+    level, independent, _ = noise_of(one)
+    assert independent
+    assert level == pytest.approx(1.0, abs=0.3)
+    assert not filled(one).any()

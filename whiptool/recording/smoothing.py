@@ -32,13 +32,15 @@ def noise_of(recording: StrikeRecording) -> tuple[float, bool, float] | None:
     """Return the noise of tracks in their quietest quarter, whether it is independent from frame to frame, and the step
     to which values are rounded, 0 if they are not, noise and step in units of the stated errors; None for angles, and
     where frames are too few or the step too large to tell."""
-    if recording.angular:
+    if recording.angular or len(recording.t) < 4 + _WINDOW or not recording.seen.any():
         return None
-    size = np.array([np.median(s[seen]) for s, seen in zip(recording.sigma.T, recording.seen.T, strict=True)])
+    size = np.array(
+        [np.median(s[seen]) if seen.any() else np.inf for s, seen in zip(recording.sigma.T, recording.seen.T)]
+    )
     there = recording.points[np.isfinite(recording.points)]
     decimals = next((p for p in range(10) if np.abs(there - there.round(p)).max() < 1e-11), np.inf)
     step = float(10.0**-decimals / size.min())
-    d = np.diff(recording.points / size[:, None], n=4, axis=0).reshape(max(len(recording.t) - 4, 0), -1)
+    d = np.diff(recording.points / size[:, None], n=4, axis=0).reshape(len(recording.t) - 4, -1)
     windows = d[: len(d) // _WINDOW * _WINDOW].T.reshape(-1, _WINDOW)
     windows = windows[np.isfinite(windows).all(axis=1)]
     if len(windows) < _LEAST or step > _COARSE:
@@ -65,6 +67,8 @@ def filled(recording: StrikeRecording) -> np.ndarray:
         return found
     level, _, step = noise
     for m, sigma in enumerate(recording.sigma.T):
+        if not recording.seen[:, m].any():
+            continue
         x = recording.points[:, m] / np.median(sigma[recording.seen[:, m]])
         for order in (2, 4):
             bound = max(_EXACT * level, 2 ** (order - 1) * step)
