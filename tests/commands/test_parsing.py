@@ -83,9 +83,14 @@ def test_words_to_choose_from_may_be_in_capital_letters():
         (simulate.SimulateOptions, "--whip-length=1_0"),
         (optimize.OptimizeOptions, "--target 1.2 0_1"),
         (optimize.OptimizeOptions, "--max-trials 1_000"),
+        (optimize.OptimizeOptions, "--target \u0661.\u0662 0.1"),  # digits of other scripts
+        (optimize.OptimizeOptions, "--target=1.2,\uff11.\uff12"),
+        (optimize.OptimizeOptions, "--max-trials \u0663"),
     ],
 )
-def test_underscores_in_numbers_are_refused(options, words):
-    with pytest.raises(InputError, match=rf"{words.split('=')[0].split()[0]}: got .*numbers without underscores"):
+def test_numbers_have_one_notation(options, words):
+    rule = "write numbers without underscores, and with the digits 0 to 9"
+    with pytest.raises(InputError, match=rf"{words.split('=')[0].split()[0]}: got .*{rule}"):
         parsed(options, words)
+    assert parsed(optimize.OptimizeOptions, "--out \u0663").out == Path("\u0663")
     assert parsed(optimize.OptimizeOptions, "--out 2024_05_06").out == Path("2024_05_06")

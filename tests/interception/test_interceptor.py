@@ -77,6 +77,13 @@ def test_a_plan_is_not_older_than_its_track(many):
         plan(seen, many, now=2.99, rng=RNG(0))
 
 
+def test_a_track_in_space_is_refused_where_strikes_are_in_the_plane(many):
+    seen = fit_track(np.arange(4.0), np.tile([*HOME, 0.5], (4, 1)), sigma=0.01, motion="still")
+    message = "track: got 'a target in 3 dimensions'; allowed: a target in 2 dimensions, as the library's strikes"
+    with pytest.raises(InputError, match=message):
+        plan(seen, many, now=3.0, rng=RNG(0))
+
+
 def test_polishing_improves_on_the_library(many, monkeypatch):
     off = HOME + np.array([0.013, 0.021])
     fine = plan(known(*off), many, now=0.0, rng=RNG(0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -251,6 +252,18 @@ def test_a_whip_that_no_posture_holds_above_the_floor_is_refused(least):
     lower[0], upper[0] = -1.5, 1.5  # where the upper arm is below the shoulder
     with pytest.raises(InputError, match="hand rises to"):
         HangingWhip(model, 0.64 - hangs).check_box(lower, upper)
+
+
+def test_a_floor_above_every_posture_is_refused_in_whole_sentences():
+    model = preset("ur5e")
+    lower, upper = (np.array(x) for x in StrikeBounds((-3.1,) * 12 + (0.5,), (3.1,) * 12 + (1.0,)).box)
+    with pytest.raises(InputError) as caught:
+        HangingWhip(model, 50.0).check_box(lower, upper)
+    given, allowed = str(caught.value).split("; allowed: ")
+    stays = r"a whip of 1 m on an arm whose hand stays at least 4\d\.?\d* m below the floor"
+    assert re.fullmatch(f"whip and mount: got '{stays}'", given)
+    higher = "a base higher above the floor, such as 1 m, or a lower floor"
+    assert allowed == f"a whip that hangs above the floor in some posture: {higher}"
 
 
 def test_every_search_refuses_it_before_it_begins():

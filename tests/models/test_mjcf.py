@@ -101,6 +101,11 @@ def test_presets_weigh_the_same_in_mujoco(name):
                       '<compiler angle="radian"/><option><flag gravity="disable"/></option>'), TIP,
          r"option gravity: got \(0.0, 0.0, 0.0\); allowed: 0 0 -9.81 .*--mount"),
         (MJCF.replace('range="-0.3 0.4"', ""), TIP, "joint rail: position: got 'no range'.*arm.locked = { rail = 0 }"),
+        (MJCF.replace('range="-0.3 0.4"', 'range="0.4 -0.3"'), TIP,
+         'joint rail: got \'range 0.4 -0.3\'; allowed: a range whose first value .* limited="false"; correct it'),
+        (MJCF.replace('range="-2 2"', 'range="140 -140"'), TIP, "joint elbow: got 'range 140 -140'"),
+        (MJCF.replace('range="-2 2"', 'range="140 -140"'), ArmChoice(tip="tool", locked={"elbow": 0.1}),
+         "joint elbow: got 'range 140 -140'"),
         (MJCF.replace('damping="0.5"', 'damping="-0.5"'), TIP, "rail: friction: got -0.5.*correct it in the file"),
         (MJCF.replace('joint1="finger_joint"', 'joint1="elbow" joint2="rail"'), TIP,
          "joint elbow: got 'tied to rail'; .*arm.locked = { elbow = 0 }"),
@@ -110,6 +115,12 @@ def test_what_is_wrong_with_a_file_is_said_in_one_line(read, text, choice, messa
     with pytest.raises(InputError, match=message) as caught:
         read(text, choice)
     assert "\n" not in str(caught.value)
+
+
+def test_a_range_of_a_joint_that_is_not_limited_means_nothing(read):
+    arm = read(MJCF.replace('range="-2 2"', 'range="140 -140" limited="false"'))
+    assert arm.links[2].limits.position == (-np.inf, np.inf)
+    read(MJCF.replace('range="0 0.05"', 'range="0.05 0" limited="false"'))  # of a gripper's
 
 
 def test_a_body_whose_mesh_is_not_there_and_that_has_no_inertial_is_weightless(read):

@@ -37,6 +37,27 @@ DAMAGES: dict[str, tuple[Callable[[list[bytes]], bytes], int]] = {
     "a line twice": (lambda lines: b"".join([*lines[:3], lines[2], *lines[3:]]), 2),
     "a word for a number": (lambda lines: b"".join([*lines[:3], lines[3].replace(b"0.25", b"half"), *lines[4:]]), 2),
 }
+CELLS = {  # of the third trial: the strike, and the miss distance behind it
+    "a miss that is no number": (b"0.5,0.3000", b"0.5,nan#"),
+    "an infinite miss": (b"0.5,0.3000", b"0.5,inf#"),
+    "a miss below 0": (b"0.5,0.3000", b"0.5,-3.0#"),
+    "a strike without an end": (b"3,0.1,", b"3,-inf,"),
+    "a strike that is no number": (b"3,0.1,", b"3,nan,"),
+    "an underscore": (b"3,0.1,", b"3,0_0.1,"),
+    "a hit that is no number": (b",0,0.7,", b",nan,0.7,"),
+}
+
+
+def _with_cell(lines: list[bytes], old: bytes, new: bytes) -> bytes:
+    """The log with other cells in the third trial; `#` stands for the rest of the number."""
+    line = lines[3].replace(old, new)
+    head, cut, rest = line.partition(b"#")
+    line = head + rest[rest.index(b",") :] if cut else line
+    assert line != lines[3]
+    return b"".join([*lines[:3], line, *lines[4:]])
+
+
+DAMAGES |= {name: (lambda lines, cells=cells: _with_cell(lines, *cells), 2) for name, cells in CELLS.items()}
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
@@ -63,6 +84,25 @@ def test_a_log_without_its_first_line_is_refused_and_stays(content: bytes, tmp_p
     with pytest.raises(InputError, match=r"trials\.csv: got .* move it away"):
         TrialLog(path, ARM).read()
     assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("cost", [b"nan", b"-0.02"])
+def test_a_strike_that_arrives_has_a_cost(cost: bytes, tmp_path: Path) -> None:
+    two = (0.25, 1.5)
+    missed = Outcome(0.2, False, 0.7, two, two, two, two, False, arrival=Arrival(0.1, 3.0, 0.02))
+    log = TrialLog(tmp_path / TRIALS, ARM, arriving=True)
+    log.append(Trial(1, (0.1, 0.2, 0.3, 0.4, 0.5), missed))
+    line = (tmp_path / TRIALS).read_bytes().splitlines()[1]
+    assert log.columns.trial(line) is not None
+    assert log.columns.trial(line.replace(b"3.0,0.02,", b"3.0," + cost + b",")) is None
+
+
+def test_an_infinite_distance_of_a_strike_that_diverged_is_read(tmp_path: Path) -> None:
+    two = (0.25, 0.5)
+    lost = Trial(1, (0.1, 0.2, 0.3, 0.4, 0.5), Outcome(float("inf"), False, 0.7, two, two, two, two, True))
+    log = TrialLog(tmp_path / TRIALS, ARM)
+    log.append(lost)
+    assert log.read() == [lost]
 
 
 def test_a_first_line_cut_off_is_an_empty_log(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
@@ -14,11 +13,11 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from whiptool.commands.options.option_group import HELP_ALL, OptionGroup, flag, names_of
 from whiptool.errors import NOTHING, InputError, alike
+from whiptool.given_files import number_in
 from whiptool.words import as_named
 
 T = TypeVar("T", bound=OptionGroup)
 SHORT = {"-o": "--out"}
-_UNDERSCORES = re.compile(r"[-+.,\deE]*_[-+.,\deE_]*")  # in numbers, where Python would allow them
 
 
 def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
@@ -46,9 +45,23 @@ def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
         else:
             value = word
             found += _values(word, listed) if within else [as_named(word, listed)]
-        if _UNDERSCORES.fullmatch(value) and _takes_numbers(kinds.get(long)):
-            raise InputError(long, value, _kind_in_words(kinds[long]), "write numbers without underscores")
+        if any(map(_otherwise_written, value.split(","))) and _takes_numbers(kinds.get(long)):
+            fix = "write numbers without underscores, and with the digits 0 to 9"
+            raise InputError(long, value, _kind_in_words(kinds[long]), fix)
     return found
+
+
+def _otherwise_written(word: str) -> bool:
+    """Return whether Python reads a word as a number that is not in the notation of `number_in`, such as `1_0`."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    try:
+        number_in(word)
+    except ValueError:
+        return True
+    return False
 
 
 def _takes_numbers(kind: Any) -> bool:

@@ -137,7 +137,7 @@ class Interceptor:
             earliest: Earliest start of the strike [s]; default: `plan_time` and `latency` after `now`.
 
         Raises:
-            InputError: A time is out of range.
+            InputError: A time is out of range, or the track has other dimensions than the library.
         """
         began = time.perf_counter()
         aim = self._aim(track, now, now + self.plan_time + self.latency if earliest is None else earliest)
@@ -244,6 +244,10 @@ class Interceptor:
         if now < track.last - 1e-9:
             raise InputError("now", now, f"a time [s] from the track's last frame on, {track.last:g} s")
         number("earliest", earliest, low=now)
+        seen, planned = track.position(now).shape[1], self.library.points.shape[1]
+        if seen != planned:
+            rule = f"a target in {planned} dimensions, as the library's strikes"
+            raise InputError("track", f"a target in {seen} dimensions", rule)
         return Aim(self, track, now, earliest, now + self.horizon if latest is None else latest)
 
 

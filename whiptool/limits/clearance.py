@@ -60,9 +60,12 @@ class HangingWhip:
             highest = max(highest, self._lowest - float(found.fun))
         if highest < self._lowest:
             room, length = highest - self._floor, self._length
-            given = f"a whip of {length:.3g} m on an arm whose hand rises to {room:.3g} m above the floor at most"
-            shorter = f"a shorter whip, such as {max(room, 0) / 2:.2g} m, " if room > 0.02 else ""
-            rule = f"{shorter}or a base higher above the floor, such as {math.ceil(10 * length - 1e-9) / 10:g} m"
+            above = f"rises to {room:.3g} m above the floor at most"
+            below = f"stays at least {-room:.3g} m below the floor"
+            given = f"a whip of {length:.3g} m on an arm whose hand {above if room > 0 else below}"
+            higher = f"a base higher above the floor, such as {math.ceil(10 * length - 1e-9) / 10:g} m"
+            shorter = f"a shorter whip, such as {room / 2:.2g} m, or {higher}"
+            rule = shorter if room > 0.02 else f"{higher}, or a lower floor"
             raise InputError("whip and mount", given, f"a whip that hangs above the floor in some posture: {rule}")
 
     def _lacking(self, q: np.ndarray) -> tuple[float, np.ndarray]:

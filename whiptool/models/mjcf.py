@@ -83,6 +83,9 @@ def _parsed(path: Path) -> Any:
     spec, usual = mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec()
     for name in ("memory", "nstack", "njmax", "nconmax", "nuserdata", "nkey", *(x for x in dir(spec) if "nuser_" in x)):
         setattr(spec, name, getattr(usual, name))
+    for joint in spec.joints:
+        if joint.limited == mujoco.mjtLimited.mjLIMITED_FALSE:
+            joint.range = (0.0, 0.0)  # what it says is not meant
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
     for texture in spec.textures:
@@ -167,6 +170,8 @@ class _Robot:
         self._refuse_loops()
         self._refuse_couplings()
         refuse_tendons(model, self.movers, names, self._joints_to)
+        for i in (*self.movers, *map(names.index, choice.locked)):
+            self._refuse_reversed_range(i)
         for i in self.movers:
             if self._kind(i) not in ("hinge", "slide"):
                 others = ", ".join(f'"{names[j]}"' for j in self.movers if self._kind(j) in ("hinge", "slide"))
@@ -196,6 +201,13 @@ class _Robot:
         if x or y or abs(z + GRAVITY) > 0.01 * GRAVITY:
             fix = "remove it from <option>; gravity in a model file sets another strength, --mount turns the base"
             raise InputError("option gravity", (x, y, z), f"0 0 -{GRAVITY:g} [m/s2], as models have it", fix)
+
+    def _refuse_reversed_range(self, joint: int) -> None:
+        """Refuse a range that MuJoCo takes for no limit, as its first value is not below its second."""
+        low, high = self.model.jnt_range[joint].tolist()
+        if (low or high) and low >= high:
+            rule = 'a range whose first value is below its second, or limited="false"'
+            raise InputError(f"joint {self.names[joint]}", f"range {low:g} {high:g}", rule, "correct it in the file")
 
     def _refuse_loops(self) -> None:
         """Refuse connections of bodies over which a joint of the arm moves; others are beyond it."""

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError
-from whiptool.given_files import read_bytes
+from whiptool.given_files import number_in, read_bytes
+from whiptool.models.numbers import LARGEST
 from whiptool.models.parameters import AnyArm
 from whiptool.models.strike import strike_names
 from whiptool.objective import RIG, Arrival, Outcome, Trial
@@ -68,11 +69,16 @@ class TrialColumns:
         cells = iter(row)
         try:
             number = int(next(cells))
-            strike = tuple(float(next(cells)) for _ in self.names)
+            strike = tuple(number_in(next(cells)) for _ in self.names)
             parts = {part: _value(part, [next(cells) for _ in names]) for part, names in self.parts.items()}
         except ValueError:
             return None
         status = parts.pop("status")
+        lost = status not in ("hit", "miss")  # its distance is a penalty, and it has no arrival
+        if not all(map(math.isfinite, strike)) or not 0 <= parts["miss_distance"] <= (math.inf if lost else LARGEST):
+            return None
+        if not lost and parts.get("arrival", ()) is None:
+            return None
         if status == "refused":
             parts.setdefault("refused", RIG)
         return Trial(number, strike, Outcome(**parts, diverged=status == "diverged", unseen=status == "unseen"))
@@ -181,16 +187,18 @@ def _value(part: str, cells: list[str]) -> Any:
         return _STATUS[_STATUS.index(cells[0])]
     if part == "refused":
         return cells[0] or None
-    numbers = tuple(float(x) for x in cells)
+    numbers = tuple(map(number_in, cells))
     if part == "arrival":
         angle, speed, cost = numbers
+        if cost < 0:
+            raise ValueError(f"a cost of {cost}")
         return None if math.isnan(cost) else Arrival(_known(angle), speed, cost)
     if part == "values":
         return () if any(map(math.isnan, numbers)) else numbers
     if part in ("miss_error", "merit"):
         return _known(numbers[0])
     if part == "hit":
-        return bool(numbers[0])
+        return bool(("0", "1").index(cells[0]))
     return numbers if part in _VECTORS else numbers[0]
 
 

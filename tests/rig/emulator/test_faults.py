@@ -123,6 +123,8 @@ def test_faults_are_described_in_words():
         ("sag:at", "KIND"),
         ("sag:volts=0", "volts"),
         ("dead:servo=-1", "servo"),
+        ("jump:at=5:angle=\u0660.\u0663", "angle"),
+        ("drop:count=1_0", "count"),
     ):
         with pytest.raises(InputError, match=named):
             Fault.parse(text)
@@ -140,3 +142,5 @@ def test_the_command_line_refuses_other_faults(capsys):
     assert "--faults: got 'explode'; allowed: drop, corrupt" in capsys.readouterr().err
     assert command.servos(["--faults", "dead:servo=7"]) == 2
     assert "servo of the fault: got 7" in capsys.readouterr().err
+    assert command.servos(["--faults", "jump:angle=\u0660.3"]) == 2
+    assert "--faults: got 'jump:angle=\u0660.3'; allowed: KIND" in capsys.readouterr().err

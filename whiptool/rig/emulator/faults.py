@@ -8,6 +8,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import number_in
 from whiptool.models.numbers import number, whole
 
 Kind = Literal[
@@ -83,6 +84,7 @@ class Fault:
         for item in rest:
             name, _, value = item.partition("=")
             try:
+                number_in(value)
                 values[name] = types[name](value)
             except (KeyError, ValueError):
                 allowed = f"KIND:NAME=NUMBER:.. with any of {', '.join(types)} as names"
