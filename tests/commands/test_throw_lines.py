@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.commands.options.throw_options import ThrowOptions
-from whiptool.commands.strike_lines import arrival_table, outcome_lines
+from whiptool.commands.strike_lines import outcome_lines, outcome_table
 from whiptool.commands.throw_lines import NEVER_DOWN, never_landed, replay_doubt, replay_table, throw_lines, throw_table
 from whiptool.errors import InputError
 from whiptool.models import preset
@@ -24,19 +24,19 @@ STRIKE = np.array([-0.94248, 1.41371, 1.72787, 1.41371, 0.95])
 LANDING = ("landing_time", "landing_distance", "landing_velocity", "entry_angle")
 
 
-def thrown(release_time: float, **how) -> tuple[ThrowRollout, dict, dict | None, list[str]]:
-    """Return a rollout, what is said of the strike's throw as tables of throw and arrival, and the lines."""
+def thrown(release_time: float, **how) -> tuple[ThrowRollout, dict, dict, list[str]]:
+    """Return a rollout, what is said of the strike's throw as tables of throw and outcome, and the lines."""
     box = Box((1.8, -0.5), 0.08, **how)
     throws = ThrowRollout(LEMON, box, thing=BALL, release_time=release_time)
     outcome = Objective(throws, box)(STRIKE)
     table = throw_table(throws, throws.space.strike(STRIKE), outcome, T_STAY)
     lines = throw_lines(table, outcome, throws, outcome_lines(outcome, box, LEMON.arm))
-    return throws, table, arrival_table(outcome, box), lines
+    return throws, table, outcome_table(outcome, box), lines
 
 
 def test_the_landing_is_said_as_it_is_and_what_counts_next_to_it():
     """A ball lands within the opening at such a slant that not all of it enters."""
-    throws, table, arrival, lines = thrown(0.675)
+    throws, table, outcome, lines = thrown(0.675)
     landed = throws.landings(STRIKE, [0.675])
     assert landed.place is not None
     assert table["landing_distance"] == pytest.approx(np.linalg.norm(landed.place[0]), abs=1e-12)
@@ -49,19 +49,21 @@ def test_the_landing_is_said_as_it_is_and_what_counts_next_to_it():
     said = f"missed: the thing lands {table['landing_distance']:.4f} m from the centre at {angle:.0f} degrees from the"
     assert said in lines[0]
     assert f"counted as {counted:.4f} m, at most 0.080 m for all of it to enter" in lines[0]
-    assert never_landed(table, arrival) == {}
+    assert never_landed(table, outcome) == {}
 
 
 def test_a_thing_that_never_comes_down_through_the_opening_has_no_landing():
-    _, table, arrival, lines = thrown(0.0, direction=(0.0, -1.0))
+    _, table, outcome, lines = thrown(0.0, direction=(0.0, -1.0))
     assert table["release_time"] == 0
     assert [table[name] for name in LANDING] == [None] * 4
     assert f"missed: {NEVER_DOWN}; counted as" in lines[0]
     assert len(lines) == 2 + LEMON.arm.n  # box, release, joints
     assert "lands" not in " ".join(lines)
-    found = never_landed(table, arrival)
+    found = never_landed(table, outcome)
     assert found["tip_speed"] is None
     assert found["arrival"]["angle"] is found["arrival"]["speed"] is None
+    assert found["missed_by"]["direction"] is None
+    assert found["missed_by"]["point"] > 1
 
 
 def test_a_thing_that_is_not_released_has_neither_release_nor_landing():

@@ -377,7 +377,7 @@ class SearchRun:
         outcome, thrown = result.outcome, self._thrown(result)
         found = outcome_table(outcome, self.target)
         if thrown is not None:
-            found |= never_landed(thrown, found["arrival"])
+            found |= never_landed(thrown, found)
         return {
             "method": result.method,
             "status": result.status.value,

@@ -68,11 +68,16 @@ def throw_lines(table: dict[str, Any], outcome: Outcome, throws: ThrowRollout, o
     ]
 
 
-def never_landed(table: dict[str, Any], arrival: dict[str, Any] | None) -> dict[str, Any]:
-    """Return what JSON has in place of the arrival (as of `arrival_table`) of a thing that never lands."""
+def never_landed(table: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
+    """Return what JSON has in place of the arrival in an `outcome_table` if the thing never lands."""
     if table["landing_time"] is not None:
         return {}
-    return {"tip_speed": None, "arrival": arrival and arrival | {"angle": None, "speed": None}}
+    arrival, missed = found["arrival"], found["missed_by"]
+    return {
+        "tip_speed": None,
+        "arrival": arrival and arrival | {"angle": None, "speed": None},
+        "missed_by": missed and missed | {"direction": None, "speed": None},
+    }
 
 
 def replay_doubt(seen: ThrowReplay, agreement: float) -> str | None:

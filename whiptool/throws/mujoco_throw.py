@@ -128,7 +128,7 @@ class ThrowReplay:
         offset: Landing point relative to the centre of the opening, (d,) [m]; None: the thing never came down through
             the opening's plane, or the simulation diverged.
         velocity: Velocity at the landing, (d,) [m/s]; None as above.
-        difference: Distance from the landing point of the compiled simulator [m]; None as above, or if only MuJoCo has one.
+        difference: Distance from the landing point of the compiled simulator [m]; None as above, or if that has none.
         timestep: Time step [s].
         confirmed: Whether the distance is at most `AGREEMENT`, or the thing comes down in neither simulator.
         miss: Length of the offset as it counts, see `passage` [m]; None as above.
