@@ -231,7 +231,7 @@ optimize --box 1.8 0 0.2 | only with --throw
 optimize --throw --box 1.8 0 | X Y SIZE, or in space X Y Z SIZE
 optimize --throw --box 1.8 0 0.03 | an opening wider than the thing
 optimize --throw --box 1.8 0 nan | --box
-optimize --throw --box 1.8 0 0 0.2 | coordinates
+optimize --throw --box 1.8 0 0 0.2 | --box: got (1.8, 0.0, 0.0, 0.2); allowed: X Y SIZE in m
 optimize --throw --box 1.8 0 0.2 --box-normal 1 0 | degrees from straight up
 optimize --throw --box 1.8 0 0.2 --box-velocity 1 | velocity of the box
 optimize --throw --box 1.8 0 0.2 --least-speed 3 --most-speed 2 | largest speed

@@ -234,9 +234,9 @@ class SearchRun:
         label, beyond = options.controller_label(), table.get("beyond")
 
         def later() -> tuple[dict, str]:
-            replayed = self._replay(result)
+            replayed, said = self._replay(result)
             warning = self._refine(result, trajectory)
-            return {"reference": replayed, "warning": warning}, _in_mujoco(replayed, result.outcome)
+            return {"reference": replayed, "warning": warning}, _in_mujoco(replayed, said)
 
         tell_strike(
             options,
@@ -296,14 +296,16 @@ class SearchRun:
             for x in criteria
         ]
 
-    def _replay(self, result) -> dict:
-        """The winning strike on the reference rollout; one line on stderr if that does not confirm it."""
+    def _replay(self, result) -> tuple[dict, str]:
+        """The winning strike on the reference rollout, and what to say where that has no result; one line on stderr if
+        it does not confirm the strike.
+        """
         import numpy as np
 
         from whiptool.rollout.reference import AGREEMENT, replay
 
         if result.outcome.lost:
-            return _NOT_REPLAYED
+            return _NOT_REPLAYED, "not computed for such a strike"
         if self.options.throw:
             return self._replay_throw(result)
         expected = result.outcome.miss_distance
@@ -316,15 +318,16 @@ class SearchRun:
                 f"{1e3 * AGREEMENT:g} mm from {expected:.4f} m; try a smaller --tolerance",
                 file=sys.stderr,
             )
+        nothing = "not confirmed: no result in MuJoCo"
         if seen.miss_distance is None or seen.velocity is None:
-            return _NOT_REPLAYED
+            return _NOT_REPLAYED, nothing
         goals, velocity = self.target.goals, seen.velocity[None]
         return {
             "miss_distance": seen.miss_distance,
             "difference": seen.miss_distance - expected,
             "angle": None if goals.directions is None else float(goals.angle(velocity)[0]),
             "speed": None if goals.only_points else float(goals.arrival_speed(velocity)[0]),
-        }
+        }, nothing
 
     @property
     def _throws(self) -> ThrowRollout:
@@ -339,17 +342,19 @@ class SearchRun:
             return self.target
         return self._throws.box.at(result.outcome.time)
 
-    def _replay_throw(self, result) -> dict:
-        """The winning throw in MuJoCo; one line on stderr if that does not confirm it."""
-        from whiptool.commands.throw_lines import replay_table
+    def _replay_throw(self, result) -> tuple[dict, str]:
+        """The winning throw in MuJoCo, as of `_replay`."""
+        from whiptool.commands.throw_lines import NEVER_DOWN, replay_doubt, replay_table
         from whiptool.throws.mujoco_throw import AGREEMENT, replay_throw
 
+        if not self._throws.landing(result.strike, t_stay=self.options.t_stay)[0]:
+            return _NOT_REPLAYED, "not computed for such a throw"
         seen = replay_throw(self._throws, result.strike, t_stay=self.options.t_stay)
-        if not seen.confirmed:
-            far = "does not land" if seen.difference is None else f"lands {1e3 * seen.difference:.1f} mm away"
-            rule = f"in MuJoCo at {1e3 * seen.timestep:.2g} ms, more than {1e3 * AGREEMENT:g} mm"
-            print(f"whiptool: not confirmed: the thing {far} {rule}; try a smaller --tolerance", file=sys.stderr)
-        return replay_table(seen, self._throws)
+        doubt = replay_doubt(seen, AGREEMENT)
+        if doubt is not None:
+            print(f"whiptool: not confirmed: {doubt}", file=sys.stderr)
+        said = f"{NEVER_DOWN} in MuJoCo, either" if doubt is None else f"not confirmed: {doubt}"
+        return replay_table(seen, self._throws), said
 
     def _refine(self, result, trajectory) -> str | None:
         """Why the result of the winning strike may not be trusted; printed on stderr, too."""
@@ -366,17 +371,21 @@ class SearchRun:
         return warning
 
     def _summary(self, result) -> dict:
+        from whiptool.commands.throw_lines import never_landed
         from whiptool.impedance.controller import controller_to_table
 
-        outcome = result.outcome
+        outcome, thrown = result.outcome, self._thrown(result)
+        found = outcome_table(outcome, self.target)
+        if thrown is not None:
+            found |= never_landed(thrown, found)
         return {
             "method": result.method,
             "status": result.status.value,
             "message": result.message,
             "space": self.rollout.space.kind,
             "strike": dict(zip(self.rollout.space.names, map(float, result.strike.vector), strict=True)),
-            **outcome_table(outcome, self.target),
-            "throw": self._thrown(result),
+            **found,
+            "throw": thrown,
             "judged": self._judged(result),
             "n_trials": result.n_trials,
             "n_diverged": result.n_diverged,
@@ -440,11 +449,10 @@ def closest(best) -> str:
     return f"closest {miss:.4f} m" if miss is not None else f"all {best.status} so far"
 
 
-def _in_mujoco(reference: dict, outcome) -> str:
-    """The line that tells people how the strike did in MuJoCo."""
-    if reference["miss_distance"] is None:
-        said = "not computed for such a strike" if outcome.lost else "not confirmed: no result in MuJoCo"
-        return f"  reference      {said}"
+def _in_mujoco(reference: dict, nothing: str) -> str:
+    """The line that tells people how the strike did in MuJoCo, or what is said where it has no difference."""
+    if reference["difference"] is None:
+        return f"  reference      {nothing}"
     arrival = [] if reference["angle"] is None else [f"{math.degrees(reference['angle']):.2f} degrees"]
     arrival += [] if reference["speed"] is None else [f"{reference['speed']:.1f} m/s"]
     said = f"{reference['miss_distance']:.4f} m in MuJoCo, a difference of {1e3 * reference['difference']:+.3f} mm"

@@ -79,6 +79,7 @@ class Landing:
         slopes: Derivatives of offset and velocity by position and velocity at release, and by drag per mass,
             (R, 2 d, 2 d + 1); None: not computed.
         place: Position relative to the centre of the opening as it is, (R, d) [m].
+        arrives: Whether it comes down through the opening's plane, (R,).
     """
 
     offset: np.ndarray
@@ -86,6 +87,7 @@ class Landing:
     time: np.ndarray
     slopes: np.ndarray | None = None
     place: np.ndarray | None = None
+    arrives: np.ndarray | None = None
 
 
 def land(
@@ -130,13 +132,13 @@ def land(
     raised = np.where(arrives, np.where(excess > 0, opening.radius + excess, 0.0), np.copysign(opening.radius, height))
     offset = np.where(arrives[:, None], counted, place) + raised[:, None] * n
     if top is None:
-        return Landing(offset, flight.velocity, flight.time, place=place)
+        return Landing(offset, flight.velocity, flight.time, place=place, arrives=arrives)
     whole = flight.slopes_at_event(opening, np.where(above, 1, np.where(rising, -1, 0)))
     top[:, :d] -= np.where(begin > 0, 1.0, 0.0)[:, None] * n
     of_offset = np.einsum("rij,rjm->rim", by_place, whole[:, :d]) + np.einsum("rij,rjm->rim", by_seen, whole[:, d:])
     of_offset += n[:, None] * np.where(excess > 0, 1.0, 0.0)[:, None, None] * top[:, None]
     whole[:, :d] = np.where(arrives[:, None, None], of_offset, whole[:, :d])
-    return Landing(offset, flight.velocity, flight.time, whole, place)
+    return Landing(offset, flight.velocity, flight.time, whole, place, arrives)
 
 
 def fly(state: np.ndarray, times: np.ndarray, down: np.ndarray, drag: float) -> tuple[np.ndarray, np.ndarray]:

@@ -125,13 +125,14 @@ class ThrowReplay:
     """A throw, repeated in MuJoCo.
 
     Args:
-        offset: Landing point relative to the centre of the opening, (d,) [m]; None: the thing did not land, or the
-            simulation diverged.
+        offset: Landing point relative to the centre of the opening, (d,) [m]; None: the thing never came down through
+            the opening's plane, or the simulation diverged.
         velocity: Velocity at the landing, (d,) [m/s]; None as above.
-        difference: Distance from the landing point of the compiled simulator [m]; None as above.
+        difference: Distance from the landing point of the compiled simulator [m]; None as above, or if that has none.
         timestep: Time step [s].
-        confirmed: Whether the distance is at most `AGREEMENT`.
+        confirmed: Whether the distance is at most `AGREEMENT`, or the thing comes down in neither simulator.
         miss: Length of the offset as it counts, see `passage` [m]; None as above.
+        diverged: Whether the simulation diverged.
     """
 
     offset: np.ndarray | None
@@ -140,33 +141,37 @@ class ThrowReplay:
     timestep: float
     confirmed: bool
     miss: float | None = None
+    diverged: bool = False
 
 
 def replay_throw(throws: ThrowRollout, strike: AnyStrike | np.ndarray, *, t_stay: float) -> ThrowReplay:
     """Repeat a throw in MuJoCo, with up to three times half the time step if the landing points differ."""
     at = float(throws.release_times(strike, t_stay=t_stay)[0])
-    simulator = MujocoThrow(throws, at)
-    offset = velocity = difference = miss = None
+    simulator, comes_down = MujocoThrow(throws, at), throws.landing(strike, t_stay=t_stay)[1] is not None
     for attempt in range(4):
+        offset = velocity = difference = miss = None
+        diverged = confirmed = False
         if attempt:
             simulator = MujocoThrow(throws, at, timestep=simulator.timestep / 2)
         until = at + float(throws.landings(strike, [at], t_stay=t_stay).time[0]) + 0.02
         path = simulator.throw(strike, until=until)
-        if path.diverged or simulator.released is None:
+        diverged = path.diverged or simulator.released is None
+        if diverged or simulator.released is None:
             continue
         landed = throws.landings(strike, [simulator.released], t_stay=t_stay)
         expected = landed.place
         assert expected is not None
         crossing = _crossing(path, throws, simulator.released)
         if crossing is None:
-            continue
-        offset, velocity = crossing
-        difference = float(np.linalg.norm(offset - expected[0]))
-        miss = _miss(offset, velocity, throws, float(landed.time[0]))
-        if difference <= AGREEMENT:
+            confirmed = not comes_down
+        else:
+            offset, velocity = crossing
+            miss = _miss(offset, velocity, throws, float(landed.time[0]))
+            difference = float(np.linalg.norm(offset - expected[0])) if comes_down else None
+            confirmed = difference is not None and difference <= AGREEMENT
+        if confirmed:
             break
-    confirmed = difference is not None and difference <= AGREEMENT
-    return ThrowReplay(offset, velocity, difference, simulator.timestep, confirmed, miss)
+    return ThrowReplay(offset, velocity, difference, simulator.timestep, confirmed, miss, diverged)
 
 
 def _miss(offset: np.ndarray, velocity: np.ndarray, throws: ThrowRollout, since: float) -> float:

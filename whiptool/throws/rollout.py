@@ -159,6 +159,17 @@ class ThrowRollout(Rollout):
         asked, rows = np.minimum(asked, max(end, 0)), np.zeros(len(asked), int)
         return release.landing(release.at(rows, asked)[0], rows, asked)
 
+    def landing(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> tuple[bool, Landing | None]:
+        """Return whether one strike releases the thing, and its landing at the box; None: the thing is not released, or
+        never comes down through the opening's plane.
+        """
+        times = self.release_times(strike, t_stay=t_stay)
+        if self._kept(times)[0]:
+            return False, None
+        found = self.landings(strike, times, t_stay=t_stay)
+        assert found.arrives is not None
+        return True, found if found.arrives[0] else None
+
     def gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, np.ndarray]:

@@ -26,6 +26,7 @@ _OF_THROWS = (
     "box", "box_normal", "box_velocity", "most_speed", "thing_mass", "thing_diameter", "release_from", "release_time",
     "release_noise",
 )  # fmt: skip
+_IN = {2: ("X Y SIZE", "such as 1.8 -0.5 0.2", "in the plane"), 3: ("X Y Z SIZE", "such as 1.8 0 0 0.2", "in space")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +111,12 @@ class ThrowOptions(SimulatorOptions, WhipOptions, GoalOptions):
 
     def build_target(self, model: Model | None = None) -> Target:
         """Return the target of a strike, or the box of a throw."""
-        return self.build_box() if self.throw and self.box is not None else super().build_target(model)
+        if not self.throw or self.box is None:
+            return super().build_target(model)
+        if model is not None and len(self.box) != model.dimension + 1:
+            asked, such, where = _IN[model.dimension]
+            raise InputError("--box", self.box, f"{asked} in m, for the model {model.name}, which is {where}", such)
+        return self.build_box()
 
     def build_rollout(self, model: Model, controller: Controller) -> Rollout:
         """Return the simulator of strikes, or that of throws."""
