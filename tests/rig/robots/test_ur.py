@@ -279,11 +279,12 @@ def test_a_robot_that_another_program_commands_is_not_to_be_switched_on(said, fi
         robotmode=lambda: "Robotmode: RUNNING",
         safetystatus=lambda: "Safetystatus: NORMAL",
         isInRemoteControl=lambda: True,
+        getSerialNumber=lambda: "20195500001",
     )
     kinds = {"DashboardClient": lambda host: ready, "RTDEReceiveInterface": refused}
     monkeypatch.setattr(ur_client, "optional", lambda *_: SimpleNamespace(**kinds))
     with pytest.raises(InputError, match=fix):
-        ur_client.UrClient(SimpleNamespace(host="127.0.0.2")).connect()
+        ur_client.UrClient(SimpleNamespace(host="127.0.0.2", patience=0.05)).connect()
 
 
 @pytest.mark.slow
