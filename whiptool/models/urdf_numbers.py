@@ -66,7 +66,7 @@ def _check_elements(label: str, place: str, elements: Iterable[ET.Element], size
                 values = _numbers(f"{label}: {name} of <{place}>", element.attrib[name], size, name in _NEVER_NEGATIVE)
                 element.set(name, " ".join(map(repr, values)))
             elif name in _NEEDED.get(element.tag, ()):
-                fix = f'{name}="0" says that there is no limit' if element.tag == "limit" else ""
+                fix = f'{name}="0" says that there is no limit' if element.tag == "limit" else "write it into the file"
                 raise InputError(f"{label}: <{place}>", f"no {name}", "a number", fix)
 
 
@@ -77,7 +77,8 @@ def _numbers(label: str, text: str, size: int = 1, never_negative: bool = False)
     read = len(values) == len(words) == size and all(map(math.isfinite, values))
     if not read or (never_negative and min(values) < 0):
         rule = ("a number" if size == 1 else f"{size} numbers") + (" >= 0" if never_negative else "")
-        fix = "expand xacro first" if "$" in text else "write points and blanks, no commas" if "," in text else ""
+        fix = "write points and blanks, no commas" if "," in text else "correct it in the file"
+        fix = "expand xacro first" if "$" in text else fix
         raise InputError(label, text, rule, fix)
     return values
 
