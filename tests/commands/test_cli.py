@@ -295,6 +295,27 @@ def test_handlers_are_as_before_when_a_command_has_ended() -> None:
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
+STOPPED_IN_A_TEXT = """
+import sys
+from whiptool.commands import cli
+
+def search():
+    text = "import os, signal; os.kill(os.getpid(), signal.SIGTERM); os.kill(os.getpid(), 0)"
+    try:
+        exec(text)  # as dataclass, namedtuple and scipy.stats do while they are imported
+    except KeyboardInterrupt:
+        return cli.INTERRUPTED
+
+sys.exit(cli.run(search))
+"""
+
+
+def test_a_signal_in_the_middle_of_an_import_ends_a_command_with_its_own_status(tmp_path: Path) -> None:
+    (tmp_path / "stopped_in_a_text.py").write_text(STOPPED_IN_A_TEXT)
+    command = [sys.executable, "-m", "stopped_in_a_text"]
+    assert subprocess.run(command, cwd=tmp_path, check=False, timeout=HANG).returncode == 130
+
+
 def test_after_an_interruption_further_signals_are_ignored_to_the_end() -> None:
     def interrupted() -> int:
         raise KeyboardInterrupt

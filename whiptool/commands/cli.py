@@ -99,6 +99,9 @@ class Interruptions(Listener):
         self._over = True
         for number in self._before:
             signal.signal(number, signal.SIG_IGN)  # also while the interpreter ends
+        # CPython remembers that a signal came while it ran code from a text (any dataclass or named tuple of a library
+        # that is being imported) and would kill this process by SIGINT at its end, until other such code has run.
+        exec("")
 
     def __enter__(self) -> Interruptions:
         _state.clear()
