@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from whiptool.throws.flight import HIGHEST, land
-from whiptool.throws.passage import FLATTEST, LEAST_ROOM, Opening, passage
+from whiptool.throws.passage import FLATTEST, LEAST_ROOM, Opening, overlap, passage
 
 G = 9.81
 TILTED = np.array([0.3, -0.2, 0.9]) / np.linalg.norm([0.3, -0.2, 0.9])
@@ -66,6 +66,39 @@ def test_balls_count_as_passing_if_their_path_stays_a_radius_from_the_rim(d, nor
     assert 5 < entered < checked - 5
 
 
+@pytest.mark.parametrize(("d", "normal"), [(2, np.array([0.0, 1.0])), (3, np.array([0.0, 0.0, 1.0])), (3, TILTED)])
+def test_balls_that_rise_through_the_plane_stay_outside_if_their_path_stays_a_radius_from_the_rim(d, normal):
+    down, outside, checked = np.r_[np.zeros(d - 1), -G], 0, 0
+    for offset, velocity, ball, radius in zip(*crossings(d, normal, 60 if d == 3 else 200), strict=True):
+        offset, velocity = 2.5 * offset, velocity - 2 * (velocity @ normal) * normal
+        along, pull = velocity @ normal, down @ normal
+        if along**2 < -2.1 * pull * ball:
+            continue  # not all of the ball rises above the plane
+        opening = at(normal, radius - ball, ball)
+        within = overlap(offset[None], velocity[None], opening, down, np.ones(1))[0]
+        margin = clearance(offset, velocity, normal, ball, radius) - ball
+        beyond = np.linalg.norm(offset) > radius
+        if abs(margin) > 2e-4:
+            checked += 1
+            outside += beyond and margin > 0
+            assert (within[0] <= 0) == (beyond and margin > 0)
+    assert 5 < outside < checked - 5
+
+
+@pytest.mark.parametrize("ball", [0.0, 0.02])
+def test_a_thing_that_is_released_under_the_opening_has_to_rise_beside_it(ball):
+    opening = at(np.array([0.0, 1.0]), 0.1 - ball, ball)
+    rise, t = np.sqrt(2 * G * 0.6), np.sqrt(2 * 0.3 / G) + np.sqrt(2 * 0.6 / G)  # 0.3 m over the plane, then down to it
+    for x, allowed in ((-0.05, False), (-0.11, ball == 0), (-0.2, True)):  # where it rises through the plane
+        fraction = (np.sqrt(2 * G * 0.6) - np.sqrt(2 * G * 0.3)) / G / t  # of the way to the landing
+        begin = x * 1 / (1 - fraction)
+        state = np.array([[begin, -0.3, -begin / t, rise]])  # it comes down in the middle
+        found = land(state, opening, gravity=G, drag=0.0)
+        assert found.place is not None
+        assert found.place[0] == pytest.approx([0, 0], abs=1e-9)
+        assert (np.linalg.norm(found.offset[0]) <= opening.radius) == allowed
+
+
 def test_an_entry_along_the_normal_and_that_of_a_point_count_with_their_offset():
     normal, down, since = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -G]), np.ones(1)
     offset = np.array([[0.03, -0.04, 0.0]])
@@ -90,6 +123,9 @@ STATES = {
     "flat": [0.3, 0.2, 0.4, 7.0, 0.4, 0.3],
     "too flat": [0.4, 0.2, -0.2, 12.0, 0.2, 0.6],
     "too high": [1.2, 0.2, 0.1, 0.5, 0.1, 11.5],
+    "up through the opening": [1.55, 0.35, -0.6, 0.3, 0.2, 5.0],
+    "up beside its rim": [1.47, 0.35, -0.6, 0.5, 0.2, 5.0],
+    "released while it rises through the plane": [1.68, 0.38, -0.31, 0.3, 0.2, 3.0],
 }
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.numbers import NoArray, number
-from whiptool.throws.passage import Opening, passage
+from whiptool.throws.passage import Opening, overlap, passage
 
 AIR_DENSITY = 1.2  # [kg/m^3], at 20 degrees Celsius
 SPHERE = 0.47  # drag coefficient of a sphere at Reynolds numbers of 1e3 to 1e5
@@ -73,7 +73,8 @@ class Landing:
 
     Args:
         offset: Position relative to the centre of the opening at that instant as it counts, see `passage`, (R, d) [m];
-            of those that stay below, lowered by the opening's radius; of those that rise too high, raised.
+            of those that stay below, lowered by the opening's radius; of those that rise too high, or through the
+            opening or its rim, raised.
         velocity: Velocity, (R, d) [m/s].
         time: Time since release, (R,) [s].
         slopes: Derivatives of offset and velocity by position and velocity at release, and by drag per mass,
@@ -103,7 +104,8 @@ def land(
 
     Seen from the box, a thing first rises to its highest point over the opening's plane, and then falls through it. A
     thing that does not rise above the plane does not enter, however near it comes: it counts with its highest point,
-    lowered by the opening's radius. A thing that rises by more than `HIGHEST` does not count as entering either.
+    lowered by the opening's radius. A thing that rises by more than `HIGHEST` does not count as entering either, and
+    neither does one released under the plane that does not rise through it wholly outside of the rim.
 
     Args:
         states: Positions and velocities at release, (R, 2 d) [m, m/s].
@@ -130,6 +132,10 @@ def land(
     arrives, excess = above & (np.abs(place @ n) < _IN_PLANE), height - np.maximum(begin, 0.0) - HIGHEST
     counted, by_place, by_seen = passage(place, seen, opening, down, flight.time)
     raised = np.where(arrives, np.where(excess > 0, opening.radius + excess, 0.0), np.copysign(opening.radius, height))
+    low = np.flatnonzero(arrives & rising & (begin < opening.ball))  # those that cross the plane upward first
+    start = _Flight(*np.split(states[low], 2, axis=1), down, drag, slopes=slopes, tolerance=tolerance)
+    within, by_rise = _rise(start, replace(opening, centres=opening.centres[low]))
+    raised[low] += np.where(within > 0, opening.radius + within, 0.0)
     offset = np.where(arrives[:, None], counted, place) + raised[:, None] * n
     if top is None:
         return Landing(offset, flight.velocity, flight.time, place=place, arrives=arrives)
@@ -137,8 +143,24 @@ def land(
     top[:, :d] -= np.where(begin > 0, 1.0, 0.0)[:, None] * n
     of_offset = np.einsum("rij,rjm->rim", by_place, whole[:, :d]) + np.einsum("rij,rjm->rim", by_seen, whole[:, d:])
     of_offset += n[:, None] * np.where(excess > 0, 1.0, 0.0)[:, None, None] * top[:, None]
+    of_offset[low] += n[:, None] * np.where(within > 0, 1.0, 0.0)[:, None, None] * by_rise[:, None]
     whole[:, :d] = np.where(arrives[:, None, None], of_offset, whole[:, :d])
     return Landing(offset, flight.velocity, flight.time, whole, place, arrives)
+
+
+def _rise(flight: _Flight, opening: Opening) -> tuple[np.ndarray, np.ndarray]:
+    """Return by how much things reach within the rim as they rise through the plane, see `overlap`, (R,) [m], and
+    derivatives by position and velocity at release and by drag, (R, 2 d + 1), if the flight has its own.
+    """
+    R, d = flight.place.shape
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        flight.go(_to_rise, opening, np.ones(R, bool))
+        place = flight.place - opening.centres - opening.drift * flight.time[:, None]
+        within, by_place, by_seen = overlap(place, flight.velocity - opening.drift, opening, flight.down, flight.time)
+    if not flight.by:
+        return within, np.zeros((R, 2 * d + 1))
+    whole = flight.slopes_at_event(opening, np.ones(R))
+    return within, np.einsum("ri,rim->rm", np.concatenate([by_place, by_seen], axis=1), whole)
 
 
 def fly(state: np.ndarray, times: np.ndarray, down: np.ndarray, drag: float) -> tuple[np.ndarray, np.ndarray]:
@@ -173,6 +195,13 @@ def _to_plane(flight: _Flight, opening: Opening) -> np.ndarray:
         return (-speed - fall) / pull
     ahead = np.where((height > 0) & (fall <= speed), np.inf, 2 * height / (fall - speed))
     return np.where(height == 0, 0.0, ahead)
+
+
+def _to_rise(flight: _Flight, opening: Opening) -> np.ndarray:
+    """Time to where things rise through the plane at the present acceleration, (R,) [s]; in the past: negative."""
+    speed, height = (flight.velocity - opening.drift) @ opening.normal, flight.height(opening)
+    pull = (flight.acceleration if flight.drag else flight.down) @ opening.normal
+    return -2 * height / (speed + np.sqrt(np.maximum(speed**2 - 2 * pull * height, 0.0)))
 
 
 class _Flight:

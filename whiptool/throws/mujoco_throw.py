@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import NODE_INERTIA, build_spec
 from whiptool.rollout.reference import MujocoRods, ReferenceRollout
-from whiptool.throws.passage import passage
+from whiptool.throws.flight import land
 from whiptool.throws.rollout import ThrowRollout
 
 AGREEMENT = 1e-3  # [m], of landing points in the two simulators
@@ -131,7 +131,7 @@ class ThrowReplay:
         difference: Distance from the landing point of the compiled simulator [m]; None as above, or if that has none.
         timestep: Time step [s].
         confirmed: Whether the distance is at most `AGREEMENT`, or the thing comes down in neither simulator.
-        miss: Length of the offset as it counts, see `passage` [m]; None as above.
+        miss: Length of the offset as it counts, of a flight from where MuJoCo releases the thing [m]; None as above.
         diverged: Whether the simulation diverged.
     """
 
@@ -166,7 +166,7 @@ def replay_throw(throws: ThrowRollout, strike: AnyStrike | np.ndarray, *, t_stay
             confirmed = not comes_down
         else:
             offset, velocity = crossing
-            miss = _miss(offset, velocity, throws, float(landed.time[0]))
+            miss = _miss(path, throws, simulator.released)
             difference = float(np.linalg.norm(offset - expected[0])) if comes_down else None
             confirmed = difference is not None and difference <= AGREEMENT
         if confirmed:
@@ -174,11 +174,13 @@ def replay_throw(throws: ThrowRollout, strike: AnyStrike | np.ndarray, *, t_stay
     return ThrowReplay(offset, velocity, difference, simulator.timestep, confirmed, miss, diverged)
 
 
-def _miss(offset: np.ndarray, velocity: np.ndarray, throws: ThrowRollout, since: float) -> float:
-    """Length of what counts of the crossing (d,) of a thing that was released so long before [m]."""
-    box, down = throws.box, -throws.model.gravity * np.eye(len(offset))[-1]
-    counted = passage(offset[None], (velocity - box.drift)[None], throws.opening, down, np.array([since]))[0]
-    return float(np.linalg.norm(counted))
+def _miss(path: Trajectory, throws: ThrowRollout, released: float) -> float:
+    """Length of what counts of the landing of a thing that leaves the whip as in MuJoCo [m], see `land`."""
+    i = int(np.argmax(path.t >= released))
+    state = np.concatenate([path.tip[i], path.tip_velocity[i]])[None]
+    centre = throws.opening.centres + throws.box.drift * path.t[i]
+    opening, drag = replace(throws.opening, centres=centre), throws.thing.drag_per_mass
+    return float(np.linalg.norm(land(state, opening, gravity=throws.model.gravity, drag=drag).offset))
 
 
 def _crossing(path: Trajectory, throws: ThrowRollout, released: float) -> tuple[np.ndarray, np.ndarray] | None:

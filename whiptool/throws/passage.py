@@ -56,7 +56,10 @@ def passage(
     by_offset, by_seen = np.tile(np.eye(d), (R, 1, 1)), np.zeros((R, d, d))
     stretch, slant, least, most = np.ones(R), np.zeros(R), math.cos(FLATTEST), (1 - LEAST_ROOM / 2) * room
     if ball:
-        slant, of_offset, of_seen = _slant(offset, seen, down, normal, ball, since)
+        farthest, of_offset, of_seen = _farthest(offset, seen, opening, down, since)
+        distance = np.linalg.norm(offset, axis=1)
+        slant = np.maximum(farthest - distance - ball, 0.0)
+        of_offset -= offset / np.maximum(distance, 1e-12)[:, None]
         least = max(least, ball / (ball + (1 - LEAST_ROOM) * room))
         left = room - np.minimum(slant, most)
         stretch = room / left
@@ -69,20 +72,41 @@ def passage(
     return stretch[:, None] * offset + lift[:, None] * normal, by_offset, by_seen
 
 
-def _slant(
-    offset: np.ndarray, seen: np.ndarray, down: np.ndarray, normal: np.ndarray, ball: float, since: np.ndarray
+def overlap(
+    offset: np.ndarray, seen: np.ndarray, opening: Opening, down: np.ndarray, since: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return by how much farther a ball reaches than one along the normal, (R,), and derivatives (R, d) as above.
-
-    It is the largest distance of a disc's centre plus the disc's radius, less those of the crossing along the normal.
+    """Return by how much R balls that rise through the plane of an opening reach within its rim, (R,) [m], and
+    derivatives by offset and velocity, (R, d) each; negative: all of the ball stays outside. Arguments as of `passage`.
     """
+    rim = opening.radius + opening.ball
+    if not opening.ball:
+        distance = np.maximum(np.linalg.norm(offset, axis=1), 1e-12)
+        return rim - distance, -offset / distance[:, None], np.zeros_like(seen)
+    nearest, of_offset, of_seen = _farthest(offset, seen, opening, down, since, outward=-1)
+    return rim + nearest, of_offset, of_seen
+
+
+def _farthest(
+    offset: np.ndarray,
+    seen: np.ndarray,
+    opening: Opening,
+    down: np.ndarray,
+    since: np.ndarray,
+    outward: int = 1,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return how far balls reach while they cross the plane, (R,) [m], and derivatives by offset and velocity, (R, d).
+
+    It is the largest sum of a disc's radius and its centre's distance, which counts negative if `outward` is -1.
+    """
+    normal, ball = opening.normal, opening.ball
     along, pull = seen @ normal, float(down @ normal)
     flat, fall = seen - along[:, None] * normal, down - pull * normal
     distance = np.maximum(np.linalg.norm(offset, axis=1), 1e-12)
-    into, fast = np.maximum(-along, 1e-9), np.sqrt(along**2 - 2 * pull * ball)
+    into, fast = np.maximum(np.abs(along), 1e-9), np.sqrt(along**2 - 2 * pull * ball)
     rise = along**2 + 2 * pull * ball  # negative: the ball never was wholly above the plane
     last = 2 * ball / (into + fast)
     first = -np.where(rise > 0, 2 * ball / (into + np.sqrt(np.maximum(rise, 0))), (into + fast) / max(-pull, 1e-9))
+    first, last = np.where(along > 0, [-last, -first], [first, last])  # a rise is a fall whose time runs backward
     first = np.maximum(first, -since)
     square = [  # of the distance of the disc's centre, a polynomial of t
         distance**2,
@@ -101,20 +125,20 @@ def _slant(
         centre = np.sqrt(np.maximum(c0 + t * (c1 + t * (c2 + t * (c3 + t * c4))), 1e-24))
         height, climb = t * (rate + t * pull / 2), rate + t * pull
         disc = np.sqrt(np.maximum(ball**2 - height**2, 1e-24))
-        of_centre = (c1 + t * (2 * c2 + t * (3 * c3 + 4 * t * c4))) / (2 * centre)
+        of_centre = outward * (c1 + t * (2 * c2 + t * (3 * c3 + 4 * t * c4))) / (2 * centre)
         of_disc = -height * climb / disc
-        bend = ((2 * c2 + t * (6 * c3 + 12 * t * c4)) / 2 - of_centre**2) / centre
+        bend = outward * ((2 * c2 + t * (6 * c3 + 12 * t * c4)) / 2 - of_centre**2) / centre
         bend = bend - (climb**2 + height * pull + of_disc**2) / disc
         slope = of_centre + of_disc
         return t, centre, height, disc, slope * dt, bend * dt**2 + slope * ddt
 
     _, centre, _, disc, *_ = reach(np.tile(_GRID, (len(offset), 1)))
-    phase = _GRID[(centre + disc).argmax(axis=1)]
+    phase = _GRID[(outward * centre + disc).argmax(axis=1)]
     low, high = phase - (_GRID[1] - _GRID[0]), phase + (_GRID[1] - _GRID[0])
     for _ in range(_NEWTON):
         *_, slope, bend = reach(phase)
         phase = np.clip(phase - np.where(bend < 0, slope / np.where(bend < 0, bend, 1), 0.0), low, high)
     t, centre, height, disc, *_ = reach(phase)
-    out = (offset + t[:, None] * flat + (t**2 / 2)[:, None] * fall) / centre[:, None]
+    out = outward * (offset + t[:, None] * flat + (t**2 / 2)[:, None] * fall) / centre[:, None]
     by_seen = t[:, None] * (out - (height / disc)[:, None] * normal)
-    return np.maximum(centre + disc - distance - ball, 0.0), out - offset / distance[:, None], by_seen
+    return outward * centre + disc, out, by_seen
