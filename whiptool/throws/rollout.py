@@ -55,7 +55,7 @@ class ThrownTrajectory(Trajectory):
     landing: Approach | None = None
     release_time: float = 0.0
 
-    MEETING: ClassVar[str] = "landing"
+    MEETING: ClassVar[str] = "landing that counts as"
     FOLLOWED: ClassVar[str] = "thing"
 
     def decisive(self, near: Approach) -> float:
