@@ -133,7 +133,7 @@ def land(
     counted, by_place, by_seen = passage(place, seen, opening, down, flight.time)
     raised = np.where(arrives, np.where(excess > 0, opening.radius + excess, 0.0), np.copysign(opening.radius, height))
     low = np.flatnonzero(arrives & rising & (begin < opening.ball))  # those that cross the plane upward first
-    start = _Flight(*np.split(states[low], 2, axis=1), down, drag, slopes=slopes, tolerance=tolerance)
+    start = _Flight(states[low, :d], states[low, d:], down, drag, slopes=slopes, tolerance=tolerance)
     within, by_rise = _rise(start, replace(opening, centres=opening.centres[low]))
     raised[low] += np.where(within > 0, opening.radius + within, 0.0)
     offset = np.where(arrives[:, None], counted, place) + raised[:, None] * n
