@@ -91,7 +91,7 @@ class UrEmulatorOptions(OptionGroup):
     tool_speed: float = 5.0
     """Limit of the speed of flange and tool in the safety configuration [m/s]."""
     command_delay: int = 2
-    """Periods of 2 ms from sending a command until the measured positions follow."""
+    """Periods of 2 ms from sending a command until the robot reports its effect, which begins one period earlier."""
     protective_stop: float | None = None
     """Make a protective stop so long after the arm began to follow commands of servoJ [s]."""
     emergency_stop: float | None = None
