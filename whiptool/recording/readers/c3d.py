@@ -114,9 +114,15 @@ def parse(path: str) -> dict[str, np.ndarray]:
 
     points = np.moveaxis(file["data"]["points"][:3], 0, 2).swapaxes(0, 1)  # (3, M, T) -> (T, M, 3)
     residuals = file["data"]["meta_points"]["residuals"][0].T  # (T, M)
-    notes = []
+    notes, begun = [], int(file["header"]["points"]["first_frame"])
+    words = file["parameters"].get("TRIAL", {}).get("ACTUAL_START_FIELD", {"value": []})["value"]  # lower word first
+    halves = [int(x) & (MOST if len(words) > 1 else -1) for x in words[:2]]
+    if (actual := sum(x << 16 * i for i, x in enumerate(halves))) > MOST:
+        begun = actual - 1
+        notes.append(f"the first frame is number {actual}, by TRIAL:ACTUAL_START_FIELD; a header counts to {MOST}")
     if stored := _as_stored(Path(path), first("USED", 0), first("USED", 0, file["parameters"].get("ANALOG", {}))):
-        points, residuals, *notes = stored
+        points, residuals, said = stored
+        notes.append(said)
     if points.size == 0:
         raise InputError("POINT:LABELS", 0, "at least one point")
     labels, outputs = [*texts("LABELS"), *[""] * points.shape[1]][: points.shape[1]], set(texts(OUTPUTS)) - {""}
@@ -130,7 +136,7 @@ def parse(path: str) -> dict[str, np.ndarray]:
         "units": np.array(str(first("UNITS", ""))),
         "forward": np.array(str(first("X_SCREEN", ""))),
         "up": np.array(str(first("Y_SCREEN", ""))),
-        "first_frame": np.array(int(file["header"]["points"]["first_frame"])),
+        "first_frame": np.array(begun),
         "notes": np.array(notes, dtype=str),
     }
 
