@@ -115,11 +115,12 @@ def parse(path: str) -> dict[str, np.ndarray]:
     points = np.moveaxis(file["data"]["points"][:3], 0, 2).swapaxes(0, 1)  # (3, M, T) -> (T, M, 3)
     residuals = file["data"]["meta_points"]["residuals"][0].T  # (T, M)
     notes, begun = [], int(file["header"]["points"]["first_frame"])
-    words = file["parameters"].get("TRIAL", {}).get("ACTUAL_START_FIELD", {"value": []})["value"]  # lower word first
-    halves = [int(x) & (MOST if len(words) > 1 else -1) for x in words[:2]]
-    if (actual := sum(x << 16 * i for i, x in enumerate(halves))) > MOST:
-        begun = actual - 1
-        notes.append(f"the first frame is number {actual}, by TRIAL:ACTUAL_START_FIELD; a header counts to {MOST}")
+    words = np.array(file["parameters"].get("TRIAL", {}).get("ACTUAL_START_FIELD", {}).get("value", []))
+    if words.dtype.kind in "if" and 0 < len(words) <= 2:  # the lower word first, perhaps signed; or one number
+        actual = int(words[0]) if len(words) == 1 else (int(words[0]) & MOST) + ((int(words[1]) & MOST) << 16)
+        if MOST < actual < 1 << 31:
+            begun = actual - 1
+            notes.append(f"the first frame is number {actual}, by TRIAL:ACTUAL_START_FIELD; a header counts to {MOST}")
     if stored := _as_stored(Path(path), first("USED", 0), first("USED", 0, file["parameters"].get("ANALOG", {}))):
         points, residuals, said = stored
         notes.append(said)
