@@ -126,11 +126,6 @@ class Problem:
             recordings, self.plant, drive=o.drive, shared=self.free, own=self._own, timestep=o.timestep, knots=o.knots
         )
 
-    @property
-    def starts_free(self) -> bool:
-        """Whether the initial state of each recording is unknown."""
-        return "start" in self._own
-
     def values(self, z: np.ndarray) -> dict[str, float]:
         """Return the shared free parameters by name, for the solver's variables z (G,)."""
         return {v.name: v.value(x) for v, x in zip(self.variables, z, strict=True)}

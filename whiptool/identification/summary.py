@@ -91,7 +91,7 @@ def assumed_errors(fit: Fit, recordings: Sequence[StrikeRecording]) -> list[str]
     if fit.misfit > 1:
         return [f"{size} was assumed; if the markers are as far off as the residuals, say {key} = {found}"]
     times = f"{1 / max(fit.misfit, 1e-9):.2g} times"
-    said = f"{size} was assumed, {times} as much as" if assumed else f"those that are stated are {times} what"
+    said = f"{size} was assumed, {times} as much as" if assumed else f"the standard errors are {times} what"
     said += " the readings scatter: intervals go by the scatter, but measured motions and a prior count for too much"
     return [f"{said}; say {key} = {found}" if assumed else f"{said}; state smaller ones, unless tracks were smoothed"]
 
