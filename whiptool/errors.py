@@ -39,7 +39,7 @@ class InputError(WhiptoolError, ValueError):
     def __init__(self, name: str, given: object, allowed: str, fix: str = "") -> None:
         fix = fix or _meant(given, allowed)
         self.name, self.given, self.allowed, self.fix = name, given, allowed, fix
-        message = f"{_cut(name)}: got {_shown(given)}; allowed: {allowed}" + (f"; {fix}" if fix else "")
+        message = f"{cut(name)}: got {_shown(given)}; allowed: {allowed}" + (f"; {fix}" if fix else "")
         super().__init__(" ".join(message.split()))  # always one line
 
     def within(self, place: str) -> InputError:
@@ -81,10 +81,11 @@ def _shown(given: object) -> str:
         text = repr(given)
     except Exception:  # an integer of thousands of digits; tables in tables in ...; a class whose own repr fails
         return f"what cannot be shown, of type {type(given).__name__}"
-    return _cut(text)
+    return cut(text)
 
 
-def _cut(text: str) -> str:
+def cut(text: str) -> str:
+    """Return a text without its middle if it is long."""
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 

@@ -21,7 +21,7 @@ from whiptool.commands.simulate import SimulateOptions
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.robots.addresses import ROBOTS
 from whiptool.rig.stops import STOPPED, Interlock, SafetyError, StrikeStopped
-from whiptool.runs import RunFolder
+from whiptool.runs import RunFolder, RunLock
 
 sys.path.insert(0, str(ROOT / "examples" / "extending"))
 from add_robot import LaggingRobot
@@ -236,6 +236,17 @@ def test_recovery_clears_a_stop_and_asks_also_with_yes(monkeypatch, tmp_path, ca
     assert Counted.recovered == 1
     answers(monkeypatch, "")
     assert robot.main([*STRUCK, "--yes"]) == 0
+
+
+def test_an_arm_that_another_command_uses_is_no_option(capsys):
+    """The option --arm names a preset, and was blamed although nobody had typed it."""
+    mark = mark_of_port(ADDRESS)
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    lock = RunLock(mark.parent, mark.stem + ".lock")
+    for words in ([*STRUCK, "--yes"], ["recover", "--robot", ADDRESS]):
+        assert robot.main(words) == 2
+        assert "whiptool: lock of the arm: got " in capsys.readouterr().err
+    lock.release()
 
 
 @pytest.mark.usefixtures("undrawn")

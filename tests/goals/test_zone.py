@@ -109,6 +109,14 @@ def test_of_a_ball_is_left_what_is_within_reach():
     assert usual_disc(preset("ur5e")) == Disc((1.2, 0.3, 0.5))
 
 
+@pytest.mark.parametrize("away", [Disc((5.0, 0.0), 0.3), Region(np.array([[50.0, 50.0], [-40.0, 60.0]]), 0.1)])
+def test_a_zone_that_is_out_of_reach_altogether_is_refused(away):
+    """Policies were trained for targets at 70 m."""
+    with pytest.raises(InputError, match=r"zone: got 'targets at least .* m away'; allowed: .* reach of 1\.514 m"):
+        check_fits(away, StraightFlight.model, 0.06)
+    assert check_fits(Disc((1.8, 0.0), 0.3), StraightFlight.model, 0.06) == 0.06  # some of it is within reach
+
+
 def test_cells_by_their_numbers():
     place = CELLS.place(np.array([[0.0, 0.5, 0.25], [0.3, 0.0, 0.0], [0.999, 1.0, 0.5], [1.0, 0.5, 0.5]]))
     np.testing.assert_allclose(place, [[0.1, 0.05], [0.2, 0.0], [0.8, -0.3], [0.7, -0.3]])

@@ -223,7 +223,6 @@ def test_smoothed_tracks_are_withdrawn_and_their_filter_can_be_fitted():
     assert bad.smoothed == pytest.approx((4, 4), rel=0.05)
     assert {p.kind for p in bad.parameters} == {"withdrawn"}
     mended = fit(smooth, away, ["k", "b"], options=dataclasses.replace(how, per_recording=("smoothing",)))
-    mended = fit(smooth, away, ["k", "b"], options=dataclasses.replace(how, per_recording=("smoothing",)))
     assert {parameter.kind for parameter in mended.parameters} == {"well determined"}
 
     def hold_the_truth(parameters):
@@ -231,6 +230,20 @@ def test_smoothed_tracks_are_withdrawn_and_their_filter_can_be_fitted():
 
     assert not all(hold_the_truth(classify(bad.uncertainty, [0.3, 0.07])))  # which were stated
     assert all(hold_the_truth(mended.parameters))
+    for one in mended.recordings:
+        low, high = one.intervals["smoothing"]
+        assert low < one.own["smoothing"] < high
+        assert low < 0.25 < high < 1.3 * low
+    assert bad.recordings[0].intervals == {}
+
+
+def test_what_one_recording_has_of_its_own_is_as_certain_as_a_parameter_of_all():
+    """Of one recording both are the same unknown, apart from the wide prior of the former."""
+    one = film(LEMON, STRIKES[0], np.random.default_rng(3), markers=("tip", "node6"), sigma=2e-3, delay=0.012)
+    shared = fit(one, PLANT, ["k", "b", "delay"])
+    own = fit(one, PLANT, ["k", "b"], options=FitOptions(per_recording=("delay",)))
+    assert own.recordings[0].intervals["delay"] == pytest.approx(shared["delay"].interval, rel=0.02)
+    assert own["k"].interval == pytest.approx(shared["k"].interval, rel=0.02)
 
 
 @pytest.mark.slow

@@ -291,6 +291,29 @@ def test_a_robots_lag_has_names_and_units():
     assert line.endswith(": the robot lags by 98.7 ms after a delay of 4.6 ms (shape 0.33)")
 
 
+def test_what_each_recording_has_of_its_own_is_said_with_interval_and_unit():
+    own, intervals = {"start[0]": 1.0, "smoothing": 0.25, "scale": 1.01}, {"smoothing": (0.24, 0.26)}
+    found = fitted(
+        seen([K], [0.0], [[100]], [1]), [], recordings=(residuals_of(np.zeros(3), own=own, intervals=intervals),)
+    )
+    first, second = summary.own_lines(found)
+    assert first.startswith("smoothing of ")
+    assert first.endswith(": 0.25 s (a filter of 4 Hz), 0.24 to 0.26")
+    assert second.endswith(": 1.01, none")
+
+
+@pytest.mark.parametrize("assumed", [None, 2e-3])
+def test_errors_far_above_the_residuals_are_said_whoever_stated_them(assumed):
+    t = np.arange(9) / 60
+    one = StrikeRecording(t, np.zeros((9, 1, 2)), ("tip",), **({} if assumed is None else {"sigma": assumed}))
+    found = fitted(seen([K], [0.0], [[100]], [1]), [], recordings=(residuals_of(np.full(9, 0.3), sigma=np.ones(9)),))
+    assert found.misfit == pytest.approx(0.3)
+    (said,) = summary.assumed_errors(found, [one])
+    assert "3.3 times" in said
+    assert "intervals go by the scatter" in said
+    assert ("sigma = 0.0003" in said) == (assumed is None)
+
+
 def test_a_fit_as_plain_data():
     z = [math.log(6.0), math.log(2.0)]
     U = seen([K, M], z, [[100, -100]], [1, 1])
@@ -341,7 +364,8 @@ def test_a_fit_as_plain_data():
     assert len(one["similarity"]["rho"]) == 2
     assert (one["predicted_from"], one["down_weighted"], one["n_residuals"]) == (None, 0, 44)
     told = {
-        "similarity": None, "predicted_from": 0.5, "down_weighted": 2, "own": {"start[1]": 2.0}, "n_residuals": 3,
+        "similarity": None, "predicted_from": 0.5, "down_weighted": 2, "own": {"start[1]": 2.0}, "own_intervals": {},
+        "n_residuals": 3,
         "rmse": pytest.approx(0.5 / math.sqrt(3)), "rms_over_stated_error": pytest.approx(0.25 / math.sqrt(3)),
     }  # fmt: skip
     assert {name: two[name] for name in told} == told

@@ -101,7 +101,7 @@ def test_what_is_no_recording_is_refused_with_what_was_meant(tmp_path):
         assert len(str(caught.value)) < 300 + len(str(tmp_path / name)) * 2
 
 
-def bare_c3d(path) -> np.ndarray:
+def bare_c3d(path, units="") -> np.ndarray:
     """A whip that hangs and then swings, in a file that states neither units nor axes; its places [m]."""
     import ezc3d
 
@@ -110,7 +110,7 @@ def bare_c3d(path) -> np.ndarray:
     tip = handle + 0.5 * np.stack([np.sin(5 * begun), 0 * T, -np.cos(5 * begun)], axis=1)
     c3d = ezc3d.c3d()
     group = c3d["parameters"]["POINT"]
-    group["RATE"]["value"], group["UNITS"]["value"], group["LABELS"]["value"] = [120.0], [""], ["handle", "tip"]
+    group["RATE"]["value"], group["UNITS"]["value"], group["LABELS"]["value"] = [120.0], [units], ["handle", "tip"]
     places = np.stack([handle, tip], axis=1)
     c3d["data"]["points"] = np.concatenate([1e3 * places.transpose(2, 1, 0), np.ones((1, 2, len(T)))])
     c3d.write(str(path))
@@ -126,6 +126,10 @@ def test_a_file_that_states_neither_units_nor_axes_is_shown_and_asked_for_them(t
     found = {finding.topic: finding for finding in shown.findings}
     assert (found["units"].certainty, found["axes"].certainty) == ("doubtful", "doubtful")
     assert found["units"].fix == "state units in the sidecar: one of m, cm, mm, in"
+    assert found["units"].reason.startswith("nothing states it")
+    bare_c3d(tmp_path / "b.c3d", units="furlong")
+    odd = {finding.topic: finding for finding in understand(str(tmp_path / "b.c3d")).findings}
+    assert odd["units"].reason.endswith("b.c3d: POINT:UNITS says 'furlong', and no fit is made without")
     assert found["axes"].fix.startswith("state axes in the sidecar: which of its axes point forward, up and out")
     assert found["up"].value.startswith("z is up")
     with pytest.raises(InputError, match="POINT:UNITS"):

@@ -44,9 +44,10 @@ class EmulatorOptions(ModelOptions):
     """Time for which a servo does not answer after a reboot [s]; default: 0.4, and 0 in lock-step."""
     faults: tuple[str, ...] = ()
     """Faults that happen, such as drop:at=2:count=10 (from 2 s on ten replies are lost). Each is KIND:NAME=NUMBER:..,
-    further examples are sag:at=2:volts=8:lasting=0.5 and same_id:servo=1. Kinds of the line are drop, corrupt, late,
-    split, duplicate, lose and unplug; kinds of servos are dead, hot, stuck, flicker, jump, alert, sag, reboot and
-    same_id. Names are at [s], count (packets), servo (from 0), seed, volts, angle [rad], lasting [s]."""
+    further examples are sag:at=2:volts=8:lasting=0.5 and same_id:servo=1. All kinds take at [s]. Kinds of the line are
+    drop, late, duplicate, lose (count: packets), corrupt, split (count, seed), unplug; those of servos are dead, hot,
+    stuck, flicker, alert, reboot, same_id (servo: from 0), jump (servo, angle: -6.28 to 6.28 rad, lasting [s]) and sag
+    (volts: 0.1 to 24, lasting)."""
 
     def check(self) -> None:
         super().check()
@@ -90,7 +91,7 @@ class UrEmulatorOptions(OptionGroup):
     tool_speed: float = 5.0
     """Limit of the speed of flange and tool in the safety configuration [m/s]."""
     command_delay: int = 2
-    """Periods of 2 ms from sending a command until the measured positions follow."""
+    """Periods of 2 ms from sending a command until the robot reports its effect, which begins one period earlier."""
     protective_stop: float | None = None
     """Make a protective stop so long after the arm began to follow commands of servoJ [s]."""
     emergency_stop: float | None = None

@@ -420,6 +420,7 @@ class FitRun:
             freed_line,
             lag_lines,
             misfit_line,
+            own_lines,
             parameter_lines,
         )
 
@@ -437,6 +438,7 @@ class FitRun:
         lines += [f"  errors      {line}" for line in assumed_errors(self.found, self.recordings)]
         lines += [f"  at bound    {line}" for line in bound_lines(self.found)]
         lines += [f"  base        {line}" for line in [freed_line(self.found)] if line]
+        lines += [f"  own         {line}" for line in own_lines(self.found)]
         lines += [f"  lag         {line}" for line in lag_lines(self.found)]
         if self.assumed:
             lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")

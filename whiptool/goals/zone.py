@@ -55,11 +55,14 @@ def check_fits(zone: Zone, model: Model, hit_radius: float) -> float:
     """Check that a zone and a hit radius [m] fit a model, and return the hit radius.
 
     Raises:
-        InputError: The zone is in the plane and the model in space, or the reverse; or a disc, or the hit radius
-            around the zone's farthest corner, contains all points within the model's reach.
+        InputError: The zone is in the plane and the model in space, or the reverse; all of it is out of reach; or a
+            disc, or the hit radius around the zone's farthest corner, contains all points within the model's reach.
     """
     if zone.dimension != model.dimension:
         raise InputError("coordinates of the zone", zone.dimension, f"{model.dimension}, as the model {model.name} has")
+    if (nearest := float(np.linalg.norm(np.clip(0.0, *zone.box)))) > model.reach + checked_radius(hit_radius):
+        rule = f"targets within the model's reach of {model.reach:.3f} m"
+        raise InputError("zone", f"targets at least {nearest:.4g} m away", rule)
     if isinstance(zone, Disc):
         check_radius("radius of the zone", zone.radius, zone.centre, model)
     check_radius("hit radius", checked_radius(hit_radius), np.abs(zone.box).max(axis=0), model)

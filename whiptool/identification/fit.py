@@ -145,8 +145,11 @@ def _found(
 ) -> Fit:
     """Return what came of a fit, its best run first."""
     best, options = runs[0].solution, problem.options
-    uncertainty, compared = problem.assess(best), tuple(problem.compare(best))
+    uncertainty, compared = problem.assess(best), problem.compare(best)
     withdrawn = not is_explained(uncertainty, compared, clock_fault, smoothed)
+    if options.per_recording and not withdrawn:
+        intervals = problem.own_intervals(best, uncertainty)
+        compared = [replace(one, intervals=x) for one, x in zip(compared, intervals, strict=True)]
     fitted, nuisance = problem.split(best.z)
     starts = [runs[0].start[name] for name in problem.free]
     return Fit(
@@ -155,7 +158,7 @@ def _found(
         parameters=tuple(classify(uncertainty, starts, withdrawn=withdrawn)),
         nuisance=nuisance,
         uncertainty=uncertainty,
-        recordings=compared,
+        recordings=tuple(compared),
         held_out=tuple(_held_out(problem, held_out, best, uncertainty)) if held_out else (),
         runs=tuple(runs),
         wall_time=0.0,

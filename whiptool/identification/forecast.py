@@ -91,18 +91,35 @@ def half_width(level: float, freedom: float) -> float:
     return float(stdtrit(freedom, (1 + level) / 2))
 
 
+def own_errors(readings: Readings, uncertainty: Uncertainty) -> np.ndarray:
+    """Return the standard errors of a recording's own unknowns, as its known readings determine them, (L,)."""
+    gain, covariance = _gain(readings)
+    moved = gain.T @ readings.block.A[: len(gain)]
+    covariance += moved @ uncertainty.stated @ moved.T
+    for x in Grid.of(readings.channel, readings.t).lay(gain):
+        correlated = matmul_toeplitz(uncertainty.errors.correlations(len(x)), x)
+        covariance += uncertainty.error_variance * x.T @ correlated
+    return np.sqrt(np.diag(covariance))
+
+
+def _gain(readings: Readings) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the own unknowns by the errors of the readings, (K, L), 0 for predicted ones, and the covariance
+    that the regularising rows leave them, (L, L)."""
+    count, known = len(readings.known), readings.known > 0
+    B, W = readings.block.B[:count], readings.block.B[count:]
+    spread = np.linalg.inv(B[known].T @ B[known] + W.T @ W)
+    gain = np.zeros(B.shape)
+    gain[known] = B[known] @ spread
+    return gain, spread @ W.T @ W @ spread
+
+
 def _parts(readings: Readings, uncertainty: Uncertainty) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the errors by the shared unknowns, (K, G), and the variance from errors of readings, (K,)."""
-    count, known = len(readings.known), readings.known > 0
-    block = readings.block
-    A, B, W = block.A[:count], block.B[:count], block.B[count:]
-    L = B.shape[1]
-    if not L:
+    count = len(readings.known)
+    A, B = readings.block.A[:count], readings.block.B[:count]
+    if not B.shape[1]:
         return A, np.full(count, uncertainty.error_variance)
-    spread = np.linalg.inv(B[known].T @ B[known] + W.T @ W)
-    gain = np.zeros((count, L))  # of the own unknowns, by the errors of the known readings
-    gain[known] = B[known] @ spread
-    left = spread @ W.T @ W @ spread  # that the regularising rows leave
+    gain, left = _gain(readings)
     moved = A - B @ (gain.T @ A)
     variance = uncertainty.error_variance * _from_errors(B, gain, readings, uncertainty)
     return moved, variance + np.einsum("kl,lm,km->k", B, left, B)

@@ -9,7 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.drives import pieces
-from whiptool.identification.forecast import Forecast, Readings, calibrated
+from whiptool.identification.forecast import Forecast, Readings, calibrated, half_width, own_errors
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor, named_own
 from whiptool.identification.readings import NEUTRAL, NUISANCE, SMOOTHING
@@ -125,11 +125,6 @@ class Problem:
         return Predictor(
             recordings, self.plant, drive=o.drive, shared=self.free, own=self._own, timestep=o.timestep, knots=o.knots
         )
-
-    @property
-    def starts_free(self) -> bool:
-        """Whether the initial state of each recording is unknown."""
-        return "start" in self._own
 
     def values(self, z: np.ndarray) -> dict[str, float]:
         """Return the shared free parameters by name, for the solver's variables z (G,)."""
@@ -446,4 +441,13 @@ class Problem:
                     freedom=np.inf if forecast is None else forecast.freedom,
                 )
             )
+        return found
+
+    def own_intervals(self, solution: Solution, uncertainty: Uncertainty) -> list[dict[str, tuple[float, float]]]:
+        """Return of each recording the 95 % intervals of the separate unknowns that `per_recording` names."""
+        found, P = [], self.predictor
+        for i, readings in enumerate(self._predicted(solution, [np.ones(len(y)) for y in P.measured])):
+            half = half_width(0.95, uncertainty.freedom) * own_errors(readings, uncertainty)
+            ends = zip(P.own_names(i), solution.own[i] - half, solution.own[i] + half, strict=True)
+            found.append({name: (float(a), float(b)) for name, a, b in ends if name in self.options.per_recording})
         return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -46,6 +46,7 @@ class RecordingFit:
         channels: Frame, marker and axis of each residual, (K, 3); for a camera in space axis 2 is depth.
         markers: Names of the markers to which `channels` refers.
         own: The recording's own unknowns by name.
+        intervals: 95 % intervals of those that `per_recording` names; empty if it was not fitted, or the fit withdrawn.
         t: Times of the predicted path [s], (S,).
         path: Predicted path of each marker in the recording's frame and clock, (S, d) [m], (S, 2) [pixels] or (S, 1)
             [rad]; depth [m], if measured, is a third column after the pixels.
@@ -74,6 +75,7 @@ class RecordingFit:
     view: Camera | None = None
     spread: np.ndarray | None = None
     freedom: float = math.inf
+    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def half_widths(self, level: float) -> np.ndarray:
         """Return half the widths of the predictive intervals of the readings at a level such as 0.9, in their units,

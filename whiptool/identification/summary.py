@@ -12,11 +12,12 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.plant import BareArm
+from whiptool.identification.readings import NEUTRAL, SMOOTHING
 from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit, root_mean_square
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
 from whiptool.identification.uncertainty import MISFIT, Parameter, Uncertainty
-from whiptool.identification.variables import Variable, with_unit
+from whiptool.identification.variables import Variable, unit_of, with_unit
 from whiptool.recording.strike_recording import StrikeRecording, assumed_size
 from whiptool.words import rounded
 
@@ -79,17 +80,33 @@ def misfit_line(fit: Fit) -> str:
 
 
 def assumed_errors(fit: Fit, recordings: Sequence[StrikeRecording]) -> list[str]:
-    """Return as text which standard error would explain the residuals, if that of all recordings was assumed and is
-    far below or far above them.
+    """Return as text that the errors are far above the residuals, or that those which were assumed of all recordings
+    are far below them, and which standard error would explain them.
     """
     ((size, error, key), *others) = {(assumed_size(one), one.assumed_error, one.sigma_assumed) for one in recordings}
-    if not fit.explains or 1 / ABOVE < fit.misfit < ABOVE or not error or others:
+    assumed = bool(error) and not others
+    if not fit.explains or 1 / ABOVE < fit.misfit < ABOVE or not (assumed or fit.misfit < 1):
         return []
-    found = f"{fit.misfit * error:.2g}"
-    if fit.misfit < 1:
-        said = f"{size} was assumed, {1 / fit.misfit:.2g} times as much as the readings scatter, so that intervals are"
-        return [f"{said} too wide; say {key} = {found}"]
-    return [f"{size} was assumed; if the markers are as far off as the residuals, say {key} = {found}"]
+    found = f"{fit.misfit * error:.2g}" if assumed else ""
+    if fit.misfit > 1:
+        return [f"{size} was assumed; if the markers are as far off as the residuals, say {key} = {found}"]
+    times = f"{1 / max(fit.misfit, 1e-9):.2g} times"
+    said = f"{size} was assumed, {times} as much as" if assumed else f"the standard errors are {times} what"
+    said += " the readings scatter: intervals go by the scatter, but measured motions and a prior count for too much"
+    return [f"{said}; say {key} = {found}" if assumed else f"{said}; state smaller ones, unless tracks were smoothed"]
+
+
+def own_lines(fit: Fit) -> list[str]:
+    """Return as text the value and interval of each recording's separate unknowns (`per_recording`)."""
+    lines = []
+    for i, one in enumerate(fit.recordings):
+        for name, value in one.own.items():
+            if name not in (*NEUTRAL, SMOOTHING):
+                continue
+            edge = f" (a filter of {1 / abs(value):.3g} Hz)" if name == SMOOTHING and value else ""
+            interval = " to ".join(rounded(x, 5) for x in one.intervals.get(name, ())) or "none"
+            lines.append(f"{name} of {_source(fit, i)}: {with_unit(value, unit_of(name))}{edge}, {interval}")
+    return lines
 
 
 def lag_lines(fit: Fit) -> list[str]:
@@ -380,6 +397,7 @@ def _recording_table(recording: StrikeRecording, found: RecordingFit, held_out: 
         "n_residuals": len(found.residuals),
         "down_weighted": int((found.weight < 1).sum()),
         "own": own,
+        "own_intervals": {name: [finite(x) for x in ends] for name, ends in found.intervals.items()},
         "predictive": None
         if found.spread is None
         else {

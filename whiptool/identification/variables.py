@@ -32,7 +32,7 @@ _UNITS = {
     "": {
         "gravity": "m/s^2", "friction_velocity": "rad/s",
         "torque_limit": "N m", "delay": "s", "clamp": "rad", "rotation": "rad", "shift_x": "m", "shift_y": "m",
-        "rotation_x": "rad", "rotation_y": "rad", "rotation_z": "rad", "shift_z": "m",
+        "rotation_x": "rad", "rotation_y": "rad", "rotation_z": "rad", "shift_z": "m", "smoothing": "s",
     },
 }  # fmt: skip
 

@@ -99,7 +99,9 @@ def _opened(path: str, options: Mapping[str, Any], lacking: dict[str, Finding], 
             with suppress(InputError):
                 found = _opened(path, options, lacking, **guessed, **{key: guess})
                 fix = f"state {key} in the sidecar: {error.allowed}"
-                reason = "nothing states it, and no fit is made without"
+                unread = key == "units" and error.given  # which the file states
+                reason = f"{error.name} says {error.given!r}" if unread else "nothing states it"
+                reason += ", and no fit is made without"
                 lacking[topic] = Finding(topic, f"unknown, shown as if {words}", DOUBTFUL, reason, fix)
                 return found
         raise

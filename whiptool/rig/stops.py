@@ -224,9 +224,9 @@ def _lock(mark: Path) -> RunLock:
     """The lock of an arm's file."""
     try:
         mark.parent.mkdir(parents=True, exist_ok=True)
-        return RunLock(mark.parent, mark.stem + ".lock", "arm", "an arm that no other command uses")
+        return RunLock(mark.parent, mark.stem + ".lock", "lock of the arm", "an arm that no other command uses")
     except OSError as error:
-        raise InputError("arm", mark.stem, "a file that can be written for its lock", str(error)) from None
+        raise InputError("lock of the arm", mark.stem, "a file that can be written for its lock", str(error)) from None
 
 
 def _read(mark: Path) -> tuple[str, list[Path]]:

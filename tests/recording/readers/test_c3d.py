@@ -184,6 +184,23 @@ def test_frames_that_a_header_cannot_count_are_read(tmp_path):
     assert any(note.startswith("66000 frames by the file's size") for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    "start", [[100_000 & 0xFFFF, 100_000 >> 16], [100_000 - 2 * 65_536 + 0.0, 1], [1e5], [13, 0], [-1, -1], ["?"]]
+)
+def test_a_first_frame_that_a_header_cannot_count_is_heard(tmp_path, start):
+    """Words may be signed, or one number: a header holds 65535 instead, and times began at it without a word."""
+    import ezc3d
+
+    first = 12 if start[0] in (13, -1, "?") else 99_999
+    write_c3d(tmp_path / "a.c3d", first=min(first, 65_534))
+    c3d = ezc3d.c3d(str(tmp_path / "a.c3d"))
+    c3d.add_parameter("TRIAL", "ACTUAL_START_FIELD", start)
+    c3d.write(str(tmp_path / "b.c3d"))
+    found = read_recording(tmp_path / "b.c3d")
+    np.testing.assert_allclose(found.t, times() + first / FPS)
+    assert any("ACTUAL_START_FIELD" in note for note in found.notes) == (first > 12)
+
+
 def test_modelled_outputs_are_no_markers(tmp_path):
     import ezc3d
 

@@ -74,6 +74,14 @@ def test_places_of_nwb_are_in_the_files_unit(motion, tmp_path):
     with pytest.raises(InputError, match=r"axes: got None; .*the file does not state them"):
         read_recording(tmp_path / "a.nwb")
     with h5py.File(tmp_path / "a.nwb", "a") as file:
+        whip = file["processing/behavior/whip"]
+        for name in motion.markers:
+            whip[f"{name}/timestamps"][-1] = np.nan
+    late = read_recording(tmp_path / "a.nwb", axes=["x", "z", "-y"])  # one clock, of which a stamp is lost
+    np.testing.assert_allclose(late.points, found.points[:-1])
+    with h5py.File(tmp_path / "a.nwb", "a") as file:
+        for name in motion.markers:
+            file[f"processing/behavior/whip/{name}/timestamps"][-1] = motion.t[-1]
         file["processing/behavior/whip/tip/timestamps"][3] += 0.001
     with pytest.raises(InputError, match="series with different times"):
         read_recording(tmp_path / "a.nwb", axes=["x", "z", "-y"])

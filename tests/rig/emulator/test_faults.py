@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
+import re
+
 import pytest
 from ports import RawLine, sdk
+from repository import ROOT
 from servos import GOLDEN, OK, h
 
 from whiptool.commands import emulators as command
+from whiptool.commands.emulators import EmulatorOptions
 from whiptool.errors import InputError
 from whiptool.rig.emulator import Fault, TwinOptions
+from whiptool.rig.emulator.faults import KINDS, RANGES
 from whiptool.rig.emulator.instructions import ServoChain
 from whiptool.rig.emulator.motor import Motor
 from whiptool.rig.emulator.packets import Packet, encode, overlaid, status
@@ -115,19 +121,36 @@ def test_a_backup_is_made_over_the_line(twin):
 def test_faults_are_described_in_words():
     assert Fault.parse("dead") == Fault("dead")
     assert Fault.parse("sag:at=2:volts=8.5:lasting=0.5") == Fault("sag", at=2.0, volts=8.5, lasting=0.5)
-    assert Fault.parse("drop:count=10:seed=3") == Fault("drop", count=10, seed=3)
+    assert Fault.parse("split:count=10:seed=3") == Fault("split", count=10, seed=3)
     for text, named in (
         ("explode", "same_id"),
         ("sag:volts=low", "volts"),
         ("sag:watts=3", "lasting"),
-        ("sag:at", "KIND"),
+        ("sag:at", "sag:NAME"),
         ("sag:volts=0", "volts"),
         ("dead:servo=-1", "servo"),
         ("jump:at=5:angle=\u0660.\u0663", "angle"),
         ("drop:count=1_0", "count"),
+        ("flicker:angle=1", "flicker:NAME=NUMBER:.. with any of at, servo as names"),
+        ("drop:seed=3", "with any of at, count as names"),
+        ("dead:volts=3", "with any of at, servo as names"),
+        ("jump:at=1:at=2", "each once"),
+        ("jump:angle=100", "angle: got 100.*<= 6.28"),
+        ("sag:volts=400", "volts: got 400.*<= 24"),
     ):
         with pytest.raises(InputError, match=named):
             Fault.parse(text)
+
+
+def test_pages_and_help_name_what_each_kind_takes():
+    page = (ROOT / "docs/rig-safety.md").read_text().partition("| fault | what happens |")[2].partition("\n\n")[0]
+    told = {}
+    for row in page.splitlines()[2:]:
+        _, kinds, _, values, _ = row.split("|")
+        told |= {kind: tuple(re.findall("`([a-z]+)`", values)) for kind in re.findall("`([a-z_]+)`", kinds)}
+    assert told == KINDS
+    assert {"at", *(name for names in KINDS.values() for name in names)} == {*RANGES}
+    assert not {*KINDS, *RANGES} - {*re.findall("[a-z_]+", inspect.getsource(EmulatorOptions))}
 
 
 def test_a_fault_needs_its_servo(twin):
@@ -143,4 +166,4 @@ def test_the_command_line_refuses_other_faults(capsys):
     assert command.servos(["--faults", "dead:servo=7"]) == 2
     assert "servo of the fault: got 7" in capsys.readouterr().err
     assert command.servos(["--faults", "jump:angle=\u0660.3"]) == 2
-    assert "--faults: got 'jump:angle=\u0660.3'; allowed: KIND" in capsys.readouterr().err
+    assert "--faults: got 'jump:angle=\u0660.3'; allowed: jump:NAME" in capsys.readouterr().err

@@ -58,6 +58,22 @@ def test_a_command_moves_the_arm_after_the_latency(latency):
     assert robot.joints.moving
 
 
+@pytest.mark.parametrize("latency", [1, 6, 50])
+def test_a_program_comes_after_what_was_sent_before_it(latency):
+    """From six periods on a program was ended by the stop that the client had sent to the one before, and cleared."""
+    robot = UrController(UrOptions(latency=latency))
+    for sent in (PROGRAM, registers(255), PROGRAM, registers(0), PROGRAM):
+        robot.receive(sent)
+    run(robot, latency * PERIOD + 0.01)
+    assert robot.program is not None
+
+
+def test_what_is_said_is_short_and_printable(robot):
+    robot.say("\x1b[2J" + 100_000 * "a")
+    assert robot.log[-1].startswith("?[2Jaaa")
+    assert len(robot.log[-1]) < 500
+
+
 def test_the_program_says_ready_and_done(robot):
     assert robot.outputs()["output_int_register_0"] == 1
     robot.receive(registers(17, 0.5, 0, 0, 0.1))  # setPayload

@@ -113,7 +113,40 @@ def test_strangers_are_answered_as_the_protocol_says(robot):
         for line in ("dance", "power on", "brake release"):
             client.sendall(line.encode() + b"\n")
             assert client.recv(100).decode() == f"could not understand: '{line}'\n"
+        client.sendall(b"quit\n")
+        assert client.recv(100) == b"Disconnected\n"
+        assert client.recv(100) == b""
     assert robot.state()["log"][-1] == "a dashboard command is not emulated: brake release"
+
+
+@pytest.mark.parametrize(
+    ("frequency", "accepted"), [(500.0, 1), (1.0, 1), (500.1, 0), (0.0, 0), (-125.0, 0), (float("nan"), 0)]
+)
+def test_a_frequency_of_outputs_is_kept_or_refused(robot, frequency, accepted):
+    """1,000 Hz were confirmed and sent as 500; 0 Hz ended the emulator."""
+    with socket.create_connection((robot.host, 30004), timeout=60) as client:
+        client.sendall(struct.pack(">HBd", 3 + 8 + 9, ord("O"), frequency) + b"timestamp")
+        assert client.recv(100) == struct.pack(">HBB", 10, ord("O"), accepted) + b"DOUBLE"
+        client.sendall(struct.pack(">HB", 3, ord("S")))
+        assert client.recv(4) == struct.pack(">HBB", 4, ord("S"), accepted)
+    assert accepted or "from 1 to 500" in robot.state()["log"][-1]
+
+
+def test_outputs_come_at_the_floor_of_periods(robot):
+    with socket.create_connection((robot.host, 30004), timeout=60) as client:
+        client.sendall(struct.pack(">HBd", 3 + 8 + 9, ord("O"), 300.0) + b"timestamp" + struct.pack(">HB", 3, ord("S")))
+        got = b""
+        while len(got) < 10 + 4 + 3 * 12:
+            got += client.recv(1000)
+        times = [struct.unpack_from(">d", got, 14 + 12 * k + 4)[0] for k in range(3)]
+    assert np.diff(times) == pytest.approx([0.002, 0.002])  # 500 // 300 periods
+
+
+def test_a_set_up_without_a_frequency_drops_its_client_alone(robot):
+    with socket.create_connection((robot.host, 30004), timeout=60) as client:
+        client.sendall(struct.pack(">HB", 3, ord("O")))
+        assert client.recv(100) == b""
+    assert "without a frequency" in robot.state()["log"][-1]
 
 
 def test_the_client_is_told_what_is_not_emulated(robot):

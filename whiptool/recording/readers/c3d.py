@@ -114,9 +114,16 @@ def parse(path: str) -> dict[str, np.ndarray]:
 
     points = np.moveaxis(file["data"]["points"][:3], 0, 2).swapaxes(0, 1)  # (3, M, T) -> (T, M, 3)
     residuals = file["data"]["meta_points"]["residuals"][0].T  # (T, M)
-    notes = []
+    notes, begun = [], int(file["header"]["points"]["first_frame"])
+    words = np.array(file["parameters"].get("TRIAL", {}).get("ACTUAL_START_FIELD", {}).get("value", []))
+    if words.dtype.kind in "if" and 0 < len(words) <= 2:  # the lower word first, perhaps signed; or one number
+        actual = int(words[0]) if len(words) == 1 else (int(words[0]) & MOST) + ((int(words[1]) & MOST) << 16)
+        if MOST < actual < 1 << 31:
+            begun = actual - 1
+            notes.append(f"the first frame is number {actual}, by TRIAL:ACTUAL_START_FIELD; a header counts to {MOST}")
     if stored := _as_stored(Path(path), first("USED", 0), first("USED", 0, file["parameters"].get("ANALOG", {}))):
-        points, residuals, *notes = stored
+        points, residuals, said = stored
+        notes.append(said)
     if points.size == 0:
         raise InputError("POINT:LABELS", 0, "at least one point")
     labels, outputs = [*texts("LABELS"), *[""] * points.shape[1]][: points.shape[1]], set(texts(OUTPUTS)) - {""}
@@ -130,7 +137,7 @@ def parse(path: str) -> dict[str, np.ndarray]:
         "units": np.array(str(first("UNITS", ""))),
         "forward": np.array(str(first("X_SCREEN", ""))),
         "up": np.array(str(first("Y_SCREEN", ""))),
-        "first_frame": np.array(int(file["header"]["points"]["first_frame"])),
+        "first_frame": np.array(begun),
         "notes": np.array(notes, dtype=str),
     }
 

@@ -51,7 +51,9 @@ def _estimation(name: str, series: list[Any]) -> dict[str, np.ndarray]:
     """Parts, positions, unit, times and scores of the series of one PoseEstimation."""
     clocks = [_times(one) for one in series]
     t = clocks[0][0]
-    if not all(np.array_equal(own, t) for own, _ in clocks):  # sleap-io leaves out the frames without a body part
+    if not all(
+        np.array_equal(own, t, equal_nan=True) for own, _ in clocks
+    ):  # sleap-io leaves out the frames without a body part
         every = np.unique(np.concatenate([own for own, _ in clocks]))
         step = min((float(np.diff(own).min()) for own, _ in clocks if len(own) > 1), default=0.0)
         t = every[np.diff(every, prepend=-np.inf) > SAME * step]

@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, Literal, cast, get_args
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import number_in
-from whiptool.models.numbers import number, whole
+from whiptool.models.numbers import LARGEST, MOST, number, whole
 
-Kind = Literal[
-    "drop",  # a reply never comes
-    "corrupt",  # a bit of a reply is flipped
-    "late",  # a reply comes with the next one
-    "split",  # a reply comes in two pieces
-    "duplicate",  # a reply comes twice
-    "lose",  # an instruction never arrives
-    "unplug",  # the adapter is pulled out
-    "dead",  # a servo loses power
-    "hot",  # a servo gets too hot
-    "stuck",  # an encoder stops
-    "flicker",  # an encoder stops, and its reading flickers by a count
-    "jump",  # an encoder's reading jumps
-    "alert",  # a servo reports a hardware error that does not shut it down
-    "sag",  # the supply of all servos sags
-    "reboot",  # a servo reboots by itself
-    "same_id",  # a servo has the id of the one before it, so that both answer at once
-]
+KINDS: dict[str, tuple[str, ...]] = {  # the values besides `at` that each kind of fault takes
+    "drop": ("count",),  # a reply never comes
+    "corrupt": ("count", "seed"),  # a bit of a reply is flipped
+    "late": ("count",),  # a reply comes with the next one
+    "split": ("count", "seed"),  # a reply comes in two pieces
+    "duplicate": ("count",),  # a reply comes twice
+    "lose": ("count",),  # an instruction never arrives
+    "unplug": (),  # the adapter is pulled out
+    "dead": ("servo",),  # a servo loses power
+    "hot": ("servo",),  # a servo gets too hot
+    "stuck": ("servo",),  # an encoder stops
+    "flicker": ("servo",),  # an encoder stops, and its reading flickers by a count
+    "jump": ("servo", "angle", "lasting"),  # an encoder's reading jumps
+    "alert": ("servo",),  # a servo reports a hardware error that does not shut it down
+    "sag": ("volts", "lasting"),  # the supply of all servos sags
+    "reboot": ("servo",),  # a servo reboots by itself
+    "same_id": ("servo",),  # a servo has the id of the one before it, so that both answer at once
+}
+RANGES: dict[str, tuple[type, float, float]] = {
+    "at": (float, 0.0, LARGEST),
+    "count": (int, 1, MOST),
+    "servo": (int, 0, 252),
+    "seed": (int, 0, MOST),
+    "volts": (float, 0.1, 24.0),
+    "angle": (float, -2 * math.pi, 2 * math.pi),
+    "lasting": (float, 1e-3, LARGEST),
+}
 OF_THE_LINE = ("drop", "corrupt", "late", "split", "duplicate", "lose")
 
 
@@ -37,7 +47,8 @@ class Fault:
     """One fault of the emulated bus or of a servo.
 
     Args:
-        kind: Kind of the fault: `drop`, `corrupt`, `dead`, ...; the comments in `Kind` say what each does.
+        kind: Kind of the fault: `drop`, `corrupt`, `dead`, ...; the comments in `KINDS` say what each does, and
+            `RANGES` the least and largest of the other values.
         at: Simulated time from which it occurs [s].
         count: Number of packets that a fault of the bus affects.
         servo: Index of the servo that a fault affects, from 0.
@@ -50,7 +61,7 @@ class Fault:
         InputError: The kind is unknown, or a value is out of range.
     """
 
-    kind: Kind
+    kind: str
     at: float = 0.0
     count: int = 1
     servo: int = 0
@@ -60,15 +71,14 @@ class Fault:
     lasting: float | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise InputError("fault", self.kind, ", ".join(get_args(Kind)))
-        number("at", self.at, low=0)
-        number("volts", self.volts, low=0, strict=True)
-        object.__setattr__(self, "angle", number("angle", self.angle))
-        if self.lasting is not None:
-            number("lasting", self.lasting, low=0, strict=True)
-        for name in ("count", "servo", "seed"):
-            object.__setattr__(self, name, whole(name, getattr(self, name), low=int(name == "count")))
+        if self.kind not in KINDS:
+            raise InputError("fault", self.kind, ", ".join(KINDS))
+        for name, (kind, low, high) in RANGES.items():
+            value = getattr(self, name)
+            if kind is int:
+                object.__setattr__(self, name, whole(name, value, low=int(low), high=int(high)))
+            elif value is not None:
+                object.__setattr__(self, name, number(name, value, low=low, high=high))
 
     @classmethod
     def parse(cls, text: str) -> Fault:
@@ -76,20 +86,22 @@ class Fault:
         name.
 
         Raises:
-            InputError: The text describes no fault; the message names what it may hold.
+            InputError: The text describes no fault, or a value that the kind does not take; the message names those.
         """
         kind, *rest = text.split(":")
-        types = {"at": float, "count": int, "servo": int, "seed": int, "volts": float, "angle": float, "lasting": float}
         values: dict[str, Any] = {}
-        for item in rest:
+        taken = ("at", *KINDS.get(kind, ()))
+        for item in rest if kind in KINDS else ():
             name, _, value = item.partition("=")
             try:
                 number_in(value)
-                values[name] = types[name](value)
-            except (KeyError, ValueError):
-                allowed = f"KIND:NAME=NUMBER:.. with any of {', '.join(types)} as names"
+                if name in values or name not in taken:
+                    raise ValueError
+                values[name] = RANGES[name][0](value)
+            except ValueError:
+                allowed = f"{kind}:NAME=NUMBER:.. with any of {', '.join(taken)} as names, each once"
                 raise InputError("fault", text, allowed) from None
-        return cls(cast(Kind, kind), **values)
+        return cls(kind, **values)
 
     def check_servo(self, servos: int) -> None:
         """Refuse a fault of a servo that is not there.
@@ -104,7 +116,7 @@ class Fault:
 
 def random_faults(rng: np.random.Generator, *, duration: float, servos: int, most: int = 3) -> list[Fault]:
     """Return up to `most` faults at random times within `duration` [s]."""
-    kinds = get_args(Kind)
+    kinds = list(KINDS)
     return [
         Fault(
             kind=kinds[int(rng.integers(len(kinds)))],

@@ -12,6 +12,7 @@ _FIXED = {
     "get robot model": "UR5",
     "close safety popup": "closing safety popup",
     "close popup": "closing popup",
+    "quit": "Disconnected",
 }
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, cut
 from whiptool.impedance.arm import Arm
 from whiptool.models.presets import preset
 from whiptool.rig.ur_emulator.control_script import ControlScript, Unknown
@@ -65,8 +65,8 @@ class UrOptions:
     Args:
         host: Address on which it serves; any of 127.0.0.0/8.
         posture: Joint positions at the start [rad], (6,).
-        latency: Periods of 2 ms from sending a command until the measured positions follow; 4 to 6 ms were measured on
-            a UR10e, see `ur_joints`.
+        latency: Periods of 2 ms from sending a command until a state shows its effect, which begins a period before;
+            4 to 6 ms were measured on a UR10e, see `ur_joints`. Programs take as long.
         joint_speed: Largest speed of a joint [rad/s]; beyond it the controller makes a protective stop.
         elbow_speed, tool_speed: Largest speeds of the elbow, and of flange and tool [m/s], likewise.
         unlock_after: Time before which a protective stop cannot be unlocked [s].
@@ -116,7 +116,7 @@ class UrController:
         self.on_log: Callable[[str], None] = lambda sentence: None
         self.began: float | None = None  # when servoj was first commanded
         self._inputs: dict[str, Any] = {}
-        self._arriving: deque[tuple[float, dict[str, Any]]] = deque()
+        self._arriving: deque[tuple[float, Mapping[str, Any] | str]] = deque()
         self._watched: float | None = None  # [s] within which an input has to come
         self._heard = self._stopped_at = 0.0
         self._moved = True
@@ -135,7 +135,8 @@ class UrController:
         return self.program is not None and self.program.servoing and not self.paused
 
     def say(self, sentence: str) -> None:
-        """Log what happened."""
+        """Log what happened, in printable characters and shortened."""
+        sentence = "".join(x if x.isprintable() else "?" for x in cut(sentence))
         self.log.append(sentence)
         self.on_log(sentence)
 
@@ -150,9 +151,9 @@ class UrController:
         self._faults = [fault for fault in self._faults if fault not in now]
         return now
 
-    def receive(self, values: Mapping[str, Any]) -> None:
-        """Take values of input registers, which have their effect after the latency."""
-        self._arriving.append((self.t + (self.options.latency - 0.5) * PERIOD, dict(values)))
+    def receive(self, sent: Mapping[str, Any] | str) -> None:
+        """Take values of input registers, or a program, which have their effect after the latency, in order."""
+        self._arriving.append((self.t + (self.options.latency - 0.5) * PERIOD, sent))
 
     def play(self, text: str) -> None:
         """Start a program, in place of one that runs."""
@@ -207,8 +208,11 @@ class UrController:
         """Advance by one period."""
         self.t += PERIOD
         while self._arriving and self._arriving[0][0] <= self.t:
-            self._inputs |= self._arriving.popleft()[1]
-            self._heard = self.t
+            arrived, self._heard = self._arriving.popleft()[1], self.t
+            if isinstance(arrived, str):
+                self.play(arrived)
+            else:
+                self._inputs |= arrived
         if self._watched is not None and self.t - self._heard > self._watched:
             self.end_program("no input came within the watchdog's time")
         if self.program is not None and not self.paused:

@@ -126,16 +126,19 @@ class UrServer:
 
     def _take_lines(self, client: _Client) -> None:
         while b"\n" in client.buffer:
-            line, _, rest = client.buffer.partition(b"\n")
-            client.buffer = bytearray(rest)
-            client.send(answer(line.decode("utf-8", "replace").strip(), self.robot))
+            asked, _, rest = client.buffer.partition(b"\n")
+            client.buffer, line = bytearray(rest), asked.decode("utf-8", "replace").strip()
+            client.send(answer(line, self.robot))
+            if line.lower() == "quit":
+                self._drop(client)
+                return
 
     def _take_program(self, client: _Client) -> None:
         """A program ends with `end` at the beginning of a line."""
         while b"\nend\n" in client.buffer:
             text, _, rest = client.buffer.partition(b"\nend\n")
             client.buffer = bytearray(rest)
-            self.robot.play(text.decode("utf-8", "replace"))
+            self.robot.receive(text.decode("utf-8", "replace"))
 
     def _take_packets(self, client: _Client) -> None:
         for kind, payload in rtde.packets(client.buffer):
@@ -155,13 +158,23 @@ class UrServer:
             client.inputs += [] if recipe.refused else [recipe]
             return bytes([0 if recipe.refused else len(client.inputs)]) + ",".join(recipe.kinds).encode()
         if kind == rtde.OUTPUTS:
-            client.output = recipe = self._heard(rtde.Recipe.of(payload[8:], rtde.OUTPUT_KINDS), "output")
-            client.every = max(1, round(1 / (PERIOD * struct.unpack(">d", payload[:8])[0])))
-            return bytes([0 if recipe.refused else 1]) + ",".join(recipe.kinds).encode()
+            return self._set_up_outputs(client, payload)
         if kind in (rtde.START, rtde.PAUSE):
             client.started = kind == rtde.START and client.output is not None and not client.output.refused
             return bytes([client.started or kind == rtde.PAUSE])
         raise ValueError(f"an RTDE packet of kind {kind}")
+
+    def _set_up_outputs(self, client: _Client, payload: bytes) -> bytes:
+        """Send every period of which the frequency divides 500 Hz, rounded down; refuse it below 1 and above 500 Hz."""
+        if len(payload) < 8:
+            raise ValueError("an RTDE set-up of outputs without a frequency")
+        (rate,), recipe = struct.unpack(">d", payload[:8]), rtde.Recipe.of(payload[8:], rtde.OUTPUT_KINDS)
+        possible = 1 <= rate <= 1 / PERIOD
+        if not possible:
+            self.robot.say(f"refused an output frequency of {rate:g} Hz: it is from 1 to {1 / PERIOD:g}")
+        client.output = self._heard(recipe, "output") if possible else None
+        client.every = int(1 / PERIOD // rate) if possible else 1
+        return bytes([possible and not recipe.refused]) + ",".join(recipe.kinds).encode()
 
     def _heard(self, recipe: rtde.Recipe, direction: str) -> rtde.Recipe:
         """Say which variables of a recipe are refused."""
