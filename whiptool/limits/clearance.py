@@ -20,7 +20,9 @@ from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
 from whiptool.models.trajectory import Trajectory
 
-_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is high enough; of these the highest are improved
+_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is kept; the best of these are improved
+_ROUNDS, _AROUND = 8, 64  # of draws around the best of them, in ranges half as wide each time
+_UNDER_CEILING = 0.3  # [m] that an arm on a ceiling needs above the hand, about
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
 
@@ -35,6 +37,8 @@ class HangingWhip:
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
         self._arm, self._lowest = model.arm.in_space(), floor + least + _depth(model)
         self._turns, self._floor, self._length = model.arm.turns, floor, model.whip.length
+        self._hung = self._arm.surface is not None and self._arm.surface[2] < -1 + 1e-9
+        self._ceiling = 0.0 if self._hung else math.inf
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the whip of a strike (2 a + 1,) hangs too low [m], (1,), at most 0 if it keeps the
@@ -58,12 +62,14 @@ class HangingWhip:
         for start in postures[heights.argsort()[-_CLIMBS:]] if highest < self._lowest else ():
             found = minimize(self._lacking, start, jac=True, bounds=np.transpose([lower[:a], upper[:a]]))
             highest = max(highest, self._lowest - float(found.fun))
+        highest = min(highest, self._ceiling)
         if highest < self._lowest:
             room, length = highest - self._floor, self._length
             above = f"rises to {room:.3g} m above the floor at most"
             below = f"stays at least {-room:.3g} m below the floor"
             given = f"a whip of {length:.3g} m on an arm whose hand {above if room > 0 else below}"
-            higher = f"a base higher above the floor, such as {math.ceil(10 * length - 1e-9) / 10:g} m"
+            needed = length + (_UNDER_CEILING if self._hung else 0.0)
+            higher = f"a base higher above the floor, such as {math.ceil(10 * needed - 1e-9) / 10:g} m"
             shorter = f"a shorter whip, such as {room / 2:.2g} m, or {higher}"
             rule = shorter if room > 0.02 else f"{higher}, or a lower floor"
             raise InputError("whip and mount", given, f"a whip that hangs above the floor in some posture: {rule}")
@@ -224,6 +230,32 @@ class Clearance(Limits):
 
         path = PathClearance(self.model, self.floor, self.least)
         return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)
+
+    def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Refuse a model whose arm or hanging whip is too close to something in all postures of a box, whose corners
+        are given as strikes (2 a + 1,): in all that are tried, drawn from the whole box, then around the best.
+        """
+        for smooth in self.smooth:
+            if isinstance(smooth, HangingWhip):
+                smooth.check_box(lower, upper)
+        low, high = lower[: self.model.arm.n], upper[: self.model.arm.n]
+        rng, tried = np.random.default_rng(0), list[tuple[float, NearestPair, np.ndarray]]()
+        for i in range(1 + _ROUNDS):
+            drawn = rng.uniform(low, high, (_AROUND if i else _POSTURES, len(low)))
+            if i:
+                best = np.stack([q for _, _, q in sorted(tried, key=lambda x: x[0])[:_CLIMBS]])
+                drawn = np.tile(best, (_AROUND // _CLIMBS, 1)) + (drawn - (low + high) / 2) / 2**i
+            for q in np.clip(drawn, low, high):
+                found = self._nearest(start_posture(self.model, q[None]), self.least, self._scene)
+                if found is None or self._beyond(found) <= 0:
+                    return
+                tried.append((self._beyond(found), found, q))
+        found = self._said(min(tried, key=lambda x: x[0])[1], 0.0)
+        given = f"an arm and a whip that are too close to something in all of {len(tried)} postures tried"
+        rule = f"a posture in which arm and hanging whip keep {self.words}; at best {found.words}"
+        fix = "give a shorter whip, a base higher above the floor, or another mount"
+        alone = "; where shapes of the arm's file touch in every posture, name their links in arm.never_touch"
+        raise InputError("whip and mount", given, rule, fix + alone * found.overlap)
 
     def nearest(self, trajectory: Trajectory, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
         """Return the closest pair of bodies over a strike (None if nothing is compared) and the time [s]; neighbouring
