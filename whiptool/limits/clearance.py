@@ -13,6 +13,7 @@ import numpy as np
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.limits.limits import Limits
+from whiptool.limits.postures import least_beyond
 from whiptool.models.excess import Excess
 from whiptool.models.kinematics import arm_poses, joint_points
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
@@ -20,8 +21,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
 from whiptool.models.trajectory import Trajectory
 
-_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is kept; the best of these are improved
-_ROUNDS, _AROUND = 8, 64  # of draws around the best of them, in ranges half as wide each time
+_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is high enough; of these the highest are improved
 _UNDER_CEILING = 0.3  # [m] that an arm on a ceiling needs above the hand, about
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
@@ -233,29 +233,28 @@ class Clearance(Limits):
 
     def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Refuse a model whose arm or hanging whip is too close to something in all postures of a box, whose corners
-        are given as strikes (2 a + 1,): in all that are tried, drawn from the whole box, then around the best.
+        are given as strikes (2 a + 1,); see `least_beyond` for those that are tried.
         """
         for smooth in self.smooth:
             if isinstance(smooth, HangingWhip):
                 smooth.check_box(lower, upper)
         low, high = lower[: self.model.arm.n], upper[: self.model.arm.n]
-        rng, tried = np.random.default_rng(0), list[tuple[float, NearestPair, np.ndarray]]()
-        for i in range(1 + _ROUNDS):
-            drawn = rng.uniform(low, high, (_AROUND if i else _POSTURES, len(low)))
-            if i:
-                best = np.stack([q for _, _, q in sorted(tried, key=lambda x: x[0])[:_CLIMBS]])
-                drawn = np.tile(best, (_AROUND // _CLIMBS, 1)) + (drawn - (low + high) / 2) / 2**i
-            for q in np.clip(drawn, low, high):
-                found = self._nearest(start_posture(self.model, q[None]), self.least, self._scene)
-                if found is None or self._beyond(found) <= 0:
-                    return
-                tried.append((self._beyond(found), found, q))
-        found = self._said(min(tried, key=lambda x: x[0])[1], 0.0)
-        given = f"an arm and a whip that are too close to something in all of {len(tried)} postures tried"
+        beyond, q, tried = least_beyond(self._beyond_at, low, high)
+        if beyond <= 0:
+            return
+        pair = self._nearest(start_posture(self.model, q[None]), self.least, self._scene)
+        assert pair is not None
+        found = self._said(pair, 0.0)
+        given = f"an arm and a whip that are too close to something in all of {tried} postures tried"
         rule = f"a posture in which arm and hanging whip keep {self.words}; at best {found.words}"
-        fix = "give a shorter whip, a base higher above the floor, or another mount"
+        fix = "give a shorter whip, a base higher above the floor, a lower floor, or another mount"
         alone = "; where shapes of the arm's file touch in every posture, name their links in arm.never_touch"
         raise InputError("whip and mount", given, rule, fix + alone * found.overlap)
+
+    def _beyond_at(self, q: np.ndarray) -> float:
+        """Return by how much arm and hanging whip fall below the allowed distance in a posture (a,), as `violation`."""
+        found = self._nearest(start_posture(self.model, q[None]), self.least, self._scene)
+        return -math.inf if found is None else self._beyond(found)
 
     def nearest(self, trajectory: Trajectory, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
         """Return the closest pair of bodies over a strike (None if nothing is compared) and the time [s]; neighbouring

@@ -355,11 +355,14 @@ def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
     Raises:
         InputError: The error that was raised in the block, with the option's name.
     """
+    free, of_model = getattr(options, "keep_free", 0.0), "--whip-length and --mount"
     try:
-        of_model = {"whip_and_mount": "--whip-length and --mount"}
-        with renaming({**of_model, **dict(flags(options)), **others}):
+        with renaming({"whip_and_mount": of_model, **dict(flags(options)), **others}):
             yield
     except InputError as error:
+        if free and error.name == of_model:
+            error = error.renamed(f"--keep-free, {of_model}")
+            error = error.advising(f"joints move within {1 - free:.2g} of their ranges: give a smaller --keep-free")
         raise of_run(error, getattr(options, "resume", None)) from None
 
 
