@@ -199,7 +199,7 @@ def test_a_thing_that_the_arm_cannot_even_hold_is_refused_by_its_mass(tmp_path):
 
 def test_joints_that_move_as_commanded_need_the_torques_to_hold_the_arm_all_the_same(tmp_path):
     words = ["optimize", "--model", "ur5e", "--keep-free", 0.9]
-    said = ("none that the arm can hold, of 1025 tried: the easiest needs", "give a smaller --keep-free, or start")
+    said = ("none that the arm can hold: the easiest of 1025 needs", "give a smaller --keep-free, or start")
     assert_one_line(called(*words, cwd=tmp_path), *said)
 
 

@@ -137,7 +137,7 @@ def test_a_strike_above_and_through_a_floor_in_the_plane(capsys):
 
 
 def test_a_search_that_no_strike_comes_through_says_why(capsys):
-    words = ["--method", "random", "--max-trials", "20", "--hit-radius", "0.01", "--no-video", "--floor", "-0.2"]
+    words = ["--method", "random", "--max-trials", "20", "--hit-radius", "0.01", "--no-video", "--floor", "-0.87"]
     assert optimize.main([*words, "--out", "none"]) == 0
     lines = capsys.readouterr().out
     assert "refused, like all other strikes; the best: at 0.000 s" in lines

@@ -236,7 +236,7 @@ def refuse_unheld(
             units = ["N" if joint in model.arm.slides else "N m" for joint in model.arm.joints]
             each = zip(model.arm.joints, held(q), units, strict=True)
             torques = ", ".join(f"{joint} {torque:.2f} {unit}" for joint, torque, unit in each)
-            given = f"none that the arm can hold, of {tried} tried: the easiest needs {torques}"
+            given = f"none that the arm can hold: the easiest of {tried} needs {torques}"
             raise InputError(f"{name} postures", given, rule, f"{easier}, or {name} elsewhere (--lower, --upper)")
 
 
