@@ -202,8 +202,9 @@ class Clearance(Limits):
     @property
     def words(self) -> str:
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
-        surface = "" if self.model.arm.in_space().surface is None else ", the surface at its base"
-        floor = surface + ("" if self.floor is None else f" and the floor at {self.floor:g} m")
+        arm = self.model.arm.in_space()
+        others = ["the surface at its base"] * (arm.surface is not None) + list(arm.bodies[arm.n + 1 :])
+        floor = "".join(f", {other}" for other in others) + ("" if self.floor is None else f" and the floor at {self.floor:g} m")
         return f"the distance{kept} from arm and whip to the arm{floor}"
 
     @cached_property
