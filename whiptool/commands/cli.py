@@ -177,8 +177,11 @@ def parse_resumable(
             mine = {f.name for f in dataclasses.fields(parsed)}
             small = options(**{name: value for name, value in quick.items() if name in mine})
         return parse(options, prog=prog, description=description, args=words, default=small)
-    with renaming({"run_folder": "--resume"}):
-        stored: Any = options_of_run(options, parsed.resume, command=command)
+    try:
+        with renaming({"run_folder": "--resume"}):
+            stored: Any = options_of_run(options, parsed.resume, command=command)
+    except InputError as error:
+        raise error if error.name == "--resume" else error.within("--resume ") from None
     try:
         again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
     except InputError as error:

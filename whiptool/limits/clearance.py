@@ -204,7 +204,9 @@ class Clearance(Limits):
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
         arm = self.model.arm.in_space()
         others = ["the surface at its base"] * (arm.surface is not None) + list(arm.bodies[arm.n + 1 :])
-        floor = "".join(f", {other}" for other in others) + ("" if self.floor is None else f" and the floor at {self.floor:g} m")
+        floor = "".join(f", {other}" for other in others) + (
+            "" if self.floor is None else f" and the floor at {self.floor:g} m"
+        )
         return f"the distance{kept} from arm and whip to the arm{floor}"
 
     @cached_property

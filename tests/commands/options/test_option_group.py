@@ -166,3 +166,31 @@ def test_a_number_of_an_argument_that_is_no_list_keeps_its_place():
         raise InputError("old[2]", 1, "2")
     with pytest.raises(InputError, match=r"^new\[elbow\]: got 1"), renaming({"old": "new"}):
         raise InputError("old[elbow]", 1, "2")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("foo = 1", r"config\.toml: foo: got 1; allowed: only version, command, options, model, .*; remove it$"),
+        ("[options]\nsed = 4", r"config\.toml: options\.sed: got 4; allowed: an option .*; did you mean seed\?$"),
+        ("[options]\nzzz = 4", r"config\.toml: options\.zzz: got 4; allowed: an option .*; begin a new run$"),
+        ("[options]\nseed = 'x'", r"config\.toml: options\.seed: got 'x'; allowed: a value of the kind int$"),
+        ("[options]\nseed = 4", ""),
+    ],
+)
+def test_what_a_stored_configuration_says_is_heard_or_refused_by_file_and_key(tmp_path, line, said):
+    (tmp_path / "config.toml").write_text(f'command = "pace"\n{line}\n' + "[options]\n" * ("[" not in line))
+    if not said:
+        assert run_folders.options_of_run(Command, tmp_path, command="pace").seed == 4
+        return
+    with pytest.raises(InputError, match=said):
+        run_folders.options_of_run(Command, tmp_path, command="pace")
+
+
+def test_an_option_without_a_default_that_a_stored_configuration_lacks_is_named(tmp_path):
+    @dataclass(frozen=True, kw_only=True)
+    class Needing(OptionGroup):
+        recordings: tuple[str, ...]
+
+    with pytest.raises(InputError, match=r"config\.toml: options\.recordings: got nothing; allowed: a value$"):
+        run_folders.stored_options(Needing, {}, tmp_path)
