@@ -136,8 +136,8 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
     Each kind of limit has a key: `joint_usage`, `motor_usage` and `speed_usage` are fractions of it, `clearance` is the
     smallest distance [m] and `nearest` the two that it is between. `unlimited` names the joints that have no limit
     of speed, torque or position. `point_speeds` are the largest speeds of elbow, flange and hand of an arm in space
-    [m/s]. `beyond` describes the limit that is exceeded most, None: all are kept; `overlap` is whether this is that two shapes are inside each other. Numbers of a
-    diverged strike are None.
+    [m/s]. `beyond` describes the limit that is exceeded most, None: all are kept; `overlap` is whether
+    this is that two shapes are inside each other. Numbers of a diverged strike are None.
     """
     from whiptool.limits.arm_limits import ArmLimits, unlimited
     from whiptool.limits.clearance import Clearance
