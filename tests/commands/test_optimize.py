@@ -197,6 +197,15 @@ def test_a_thing_that_the_arm_cannot_even_hold_is_refused_by_its_mass(tmp_path):
     assert not (tmp_path / "runs").exists()
 
 
+def test_a_search_that_takes_long_because_of_the_drag_says_so(tmp_path):
+    words = ["optimize", "--throw", "--box", 1.8, -0.5, 0.2, "--method", "random", "--max-trials", 1, "--no-video"]
+    said = "with a drag per mass of 35.4 1/m a flight is simulated in many steps: the search takes"
+    light = called(*words, "--thing-mass", 1e-5, cwd=tmp_path)
+    assert light.returncode == 0
+    assert said in light.stderr
+    assert "drag per mass" not in called(*words, cwd=tmp_path).stderr
+
+
 def test_joints_that_move_as_commanded_need_the_torques_to_hold_the_arm_all_the_same(tmp_path):
     words = ["optimize", "--model", "ur5e", "--keep-free", 0.9]
     said = ("none that the arm can hold: the easiest of 1025 needs", "give a smaller --keep-free, or start")

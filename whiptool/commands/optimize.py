@@ -37,7 +37,7 @@ from whiptool.commands.strike_lines import (
     with_cure,
 )
 from whiptool.errors import InputError
-from whiptool.progress import Progress
+from whiptool.progress import Progress, note
 from whiptool.words import counted
 
 if TYPE_CHECKING:
@@ -108,6 +108,7 @@ class OptimizeOptions(
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --target 1.2 0.1"
 
 
+_MUCH_DRAG = 5.0  # [1/m] per mass of a thing, a balloon's
 _REFUSALS_SHOWN = 30  # strikes that are all refused, after which a search reports it
 _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
 
@@ -133,6 +134,9 @@ class SearchRun:
         bounds = options.build_bounds(self.model, self.rollout.space)
         if options.throw:
             self._throws.check_release(bounds.upper[-1], options.t_stay)
+            if (braked := self._throws.thing.drag_per_mass) > _MUCH_DRAG:
+                said = f"with a drag per mass of {braked:.3g} 1/m a flight is simulated in many steps"
+                note(f"{said}: the search takes five to ten times as long")
         self.objective = Objective(
             self.rollout,
             self.target,
@@ -196,6 +200,7 @@ class SearchRun:
                 if trial.number == _REFUSALS_SHOWN > known and objective.n_refused == trial.number:
                     bar.write(f"whiptool: {self._all_refused()}", file=sys.stderr)
 
+            bar.set_postfix_str("the first are simulated")
             objective.record(self.recorded, on_trial)
             return run_search(objective, run, self.method, seed=self.options.seed)
 
