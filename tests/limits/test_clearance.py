@@ -272,7 +272,7 @@ def test_a_floor_above_every_posture_is_refused_in_whole_sentences():
         (0.5, r"a whip of 1 m on an arm whose hand rises to 0.5 m above the floor at most'.* such as 1.3 m$"),
         (
             1.0,
-            r"too close to something in all of 1024 postures tried'.* at best .* 4 mm (inside the|below the) \w+; give",
+            r"too close to something in all of 1025 postures tried'.* at best .* 4 mm (inside the|below the) \w+; give",
         ),
     ],
 )

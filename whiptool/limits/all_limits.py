@@ -190,8 +190,9 @@ class AllLimits:
                 for i in np.flatnonzero(~(lower < upper)):
                     rule = f"a range that overlaps the position limits, {low[i]:.4g} to {high[i]:.4g}"
                     raise InputError(f"bounds[{i}]", (bounds.lower[i], bounds.upper[i]), rule)
-        for limits in self.members if self._by_joints else ():
-            limits.check_box(lower, upper)
+        for limits in self.members:
+            if isinstance(limits, Clearance) and self._by_joints:
+                limits.check_box(lower, upper)
         return StrikeBounds(tuple(lower), tuple(upper))
 
     @property

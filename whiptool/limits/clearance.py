@@ -21,7 +21,6 @@ from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
 from whiptool.models.trajectory import Trajectory
 
-_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is high enough; of these the highest are improved
 _UNDER_CEILING = 0.3  # [m] that an arm on a ceiling needs above the hand, about
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
@@ -37,8 +36,7 @@ class HangingWhip:
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
         self._arm, self._lowest = model.arm.in_space(), floor + least + _depth(model)
         self._turns, self._floor, self._length = model.arm.turns, floor, model.whip.length
-        self._hung = self._arm.surface is not None and self._arm.surface[2] < -1 + 1e-9
-        self._ceiling = 0.0 if self._hung else math.inf
+        self._hung = (self._arm.surface or (0.0, 0.0, 0.0))[2] < -1 + 1e-9  # from a ceiling, which the hand is below
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the whip of a strike (2 a + 1,) hangs too low [m], (1,), at most 0 if it keeps the
@@ -53,16 +51,10 @@ class HangingWhip:
 
     def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Refuse a whip that hangs too low in all postures of a box, whose corners are given as strikes (2 a + 1,)."""
-        from scipy.optimize import minimize
-
         a = self._arm.n
-        postures = np.random.default_rng(0).uniform(lower[:a], upper[:a], (_POSTURES, a))
-        heights = arm_poses(self._arm, postures)[0][:, -1, 2]
-        highest = float(heights.max())
-        for start in postures[heights.argsort()[-_CLIMBS:]] if highest < self._lowest else ():
-            found = minimize(self._lacking, start, jac=True, bounds=np.transpose([lower[:a], upper[:a]]))
-            highest = max(highest, self._lowest - float(found.fun))
-        highest = min(highest, self._ceiling)
+        lacking = least_beyond(lambda q: float(self.constraints(np.r_[q, q, 0.0])[0][0]), lower[:a], upper[:a])[0]
+        highest = self._lowest - lacking
+        highest = min(highest, 0.0) if self._hung else highest
         if highest < self._lowest:
             room, length = highest - self._floor, self._length
             above = f"rises to {room:.3g} m above the floor at most"
@@ -73,10 +65,6 @@ class HangingWhip:
             shorter = f"a shorter whip, such as {room / 2:.2g} m, or {higher}"
             rule = shorter if room > 0.02 else f"{higher}, or a lower floor"
             raise InputError("whip and mount", given, f"a whip that hangs above the floor in some posture: {rule}")
-
-    def _lacking(self, q: np.ndarray) -> tuple[float, np.ndarray]:
-        values, slopes = self.constraints(np.r_[q, q, 0.0])
-        return float(values[0]), slopes[0, : len(q)]
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether the whips of strikes (B, 2 a + 1) hang high enough, (B,)."""
@@ -242,22 +230,16 @@ class Clearance(Limits):
             if isinstance(smooth, HangingWhip):
                 smooth.check_box(lower, upper)
         low, high = lower[: self.model.arm.n], upper[: self.model.arm.n]
-        beyond, q, tried = least_beyond(self._beyond_at, low, high)
-        if beyond <= 0:
+        nearest = lambda q: self._nearest(start_posture(self.model, q[None]), self.least, self._scene)  # noqa: E731
+        beyond, q, tried = least_beyond(lambda q: self._beyond(nearest(q)), low, high)
+        if beyond <= 0 or (pair := nearest(q)) is None:
             return
-        pair = self._nearest(start_posture(self.model, q[None]), self.least, self._scene)
-        assert pair is not None
         found = self._said(pair, 0.0)
         given = f"an arm and a whip that are too close to something in all of {tried} postures tried"
         rule = f"a posture in which arm and hanging whip keep {self.words}; at best {found.words}"
         fix = "give a shorter whip, a base higher above the floor, a lower floor, or another mount"
         alone = "; where shapes of the arm's file touch in every posture, name their links in arm.never_touch"
         raise InputError("whip and mount", given, rule, fix + alone * found.overlap)
-
-    def _beyond_at(self, q: np.ndarray) -> float:
-        """Return by how much arm and hanging whip fall below the allowed distance in a posture (a,), as `violation`."""
-        found = self._nearest(start_posture(self.model, q[None]), self.least, self._scene)
-        return -math.inf if found is None else self._beyond(found)
 
     def nearest(self, trajectory: Trajectory, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
         """Return the closest pair of bodies over a strike (None if nothing is compared) and the time [s]; neighbouring
@@ -280,11 +262,10 @@ class Clearance(Limits):
         """Return by how much a strike falls below the allowed distance, in units of 0.1 m; at most 0 if it is kept."""
         if trajectory.diverged:
             return math.inf
-        found = self.nearest(trajectory, enough=self.least)[0]
-        return -math.inf if found is None else self._beyond(found)
+        return self._beyond(self.nearest(trajectory, enough=self.least)[0])
 
-    def _beyond(self, found: NearestPair) -> float:
-        return (self.least - found.clearance) / UNIT
+    def _beyond(self, found: NearestPair | None) -> float:
+        return -math.inf if found is None else (self.least - found.clearance) / UNIT
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> Excess:
         """Return a description of the closest pair of bodies."""

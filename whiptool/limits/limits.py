@@ -222,9 +222,6 @@ class Limits(ABC):
         """Lowest and highest position of each joint [rad or m], (2, a); None: no limits."""
         return None
 
-    def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:  # noqa: B027
-        """Refuse a box of strikes, given by its corners (2 a + 1,), none of which keeps these limits at its start."""
-
     @property
     def of_candidates(self) -> bool:
         """Whether strikes that would be hits or the best have to be checked along their whole trajectory."""
