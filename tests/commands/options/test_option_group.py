@@ -148,7 +148,7 @@ def test_a_name_that_is_none_is_told_the_choices_in_their_order(words, said, cap
             ["--throw", "--box", 2, 0, 0.2, "--most-speed", 1, "--least-speed", 2],
             "--most-speed: got 1.0; allowed: a speed above the least speed, 2 m/s",
         ),
-        (["--lower", 0, 0, 0, 0, 2, "--upper", 1, 1, 1, 1, 1], "--lower and --upper, number 5 of each: got (2.0, 1.0)"),
+        (["--lower", 0, 0, 0, 0, 2, "--upper", 1, 1, 1, 1, 1], "--lower and --upper, number 5: got (2.0, 1.0)"),
         (["--throw", "--box", 2, 0, 0.2, "--box-normal", 1, -1], "--box-normal: got (1.0, -1.0)"),
         (["--throw", "--box", 2, 0, 0.2, "--box-velocity", 99, 0], "--box-velocity: got (99.0, 0.0)"),
         (["--throw", "--box", 2, 0, 0.2, "--thing-mass", 1e-9], "--thing-mass and --thing-diameter: got 354"),
@@ -162,7 +162,7 @@ def test_an_error_of_the_library_names_the_option_that_was_given(capsys, words, 
 
 
 def test_a_number_of_an_argument_that_is_no_list_keeps_its_place():
-    with pytest.raises(InputError, match=r"^new, number 3 of each: got 1"), renaming({"old": "new"}):
+    with pytest.raises(InputError, match=r"^new, number 3: got 1"), renaming({"old": "new"}):
         raise InputError("old[2]", 1, "2")
     with pytest.raises(InputError, match=r"^new\[elbow\]: got 1"), renaming({"old": "new"}):
         raise InputError("old[elbow]", 1, "2")

@@ -405,5 +405,5 @@ def renaming(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
         if name is None:
             raise
         number = index.removesuffix("]")
-        place = f", number {int(number) + 1} of each" if number.isdecimal() else index and f"[{index}"
+        place = f", number {int(number) + 1}" if number.isdecimal() else index and f"[{index}"
         raise error.renamed(name + place, fix) from None
