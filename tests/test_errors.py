@@ -41,6 +41,12 @@ def test_what_is_like_an_allowed_word_is_asked_for(given, asked):
     assert said.endswith(f"; did you mean {asked}?" if asked else "of a file")
 
 
+def test_a_word_of_a_sentence_is_not_asked_for():
+    """No method is called maps."""
+    said = str(InputError("method", "map", "any other method, because maps are of strikes and not of throws"))
+    assert said.endswith("of strikes and not of throws")
+
+
 def test_a_misspelling_begins_with_the_same_letter():
     names = ["cone", "zone-radius", "ur5e"]
     misspelt = {"zone": "", "conne": "cone", "zone-radiu": "zone-radius", "ur5": "ur5e", "": ""}

@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from whiptool.lazy_names import doors_aside, imported_when_used, register_with_gymnasium
+from whiptool.stop_signals import end_by_signals_while_importing
+
+end_by_signals_while_importing()
 
 _HOMES = {
     "__version__": "version",

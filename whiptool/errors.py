@@ -56,10 +56,13 @@ class InputError(WhiptoolError, ValueError):
 
 
 def _meant(given: object, allowed: str) -> str:
-    """Ask whether one of the words that are allowed was meant; empty where none of them is like what was given."""
+    """Ask whether one of the names that are allowed was meant; empty where none of them is like what was given. A name
+    stands alone between commas and the like, unlike a word of a sentence.
+    """
     if not isinstance(given, str):
         return ""
-    words = {word.lower(): word for word in re.findall(r"[^\s,;()]+", allowed) if len(word) > 2}
+    parts = [part.strip() for part in re.split(r"[,;:()]\s|\s(?:or|and)\s|$", allowed)]
+    words = {part.lower(): part for part in parts if len(part) > 2 and " " not in part}
     if given.lower() in words:  # it is wrong for another reason
         return ""
     found = alike(given.lower(), words)

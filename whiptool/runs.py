@@ -95,6 +95,7 @@ def _entries() -> dict[str, str]:
 
 
 CONFIG, RESULT, LOCK = "config.toml", "result.json", ".lock"
+_PARTS = ("version", "command", "options", "model", "controller", "bounds", "settings", "free", "recordings")
 
 
 def code_version() -> str:
@@ -282,7 +283,10 @@ def read_config(path: Path) -> dict:
     if not (path / CONFIG).is_file():
         raise InputError("run folder", str(path), f"a run folder (it has no {CONFIG})")
 
-    return read_toml(path / CONFIG)
+    table = read_toml(path / CONFIG)
+    for part in (part for part in table if part not in _PARTS):
+        raise InputError(f"{path / CONFIG}: {part}", table[part], f"only {', '.join(_PARTS)}", "remove it")
+    return table
 
 
 _FREE = "a folder that no other command works in"

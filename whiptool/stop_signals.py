@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +12,23 @@ from types import FrameType
 from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+INTERRUPTED = 130  # exit status of a command, of any signal
+
+
+def end_by_signals_while_importing() -> None:
+    """Let SIGINT and SIGTERM end this process in one line if it is a command of whiptool's that begins to import:
+    `python -m whiptool.NAME`, or `whiptool`. `Interruptions` then takes them over.
+    """
+    by_name = sys.argv[:1] == ["-m"] and any(x.removeprefix("-m").split(".")[0] == "whiptool" for x in sys.orig_argv)
+    if by_name or os.path.basename(sys.argv[0] if sys.argv else "") == "whiptool":  # noqa: PTH119
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) != signal.SIG_IGN:  # a shell's background jobs ignore some
+                signal.signal(number, _end)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    os.write(2, b"whiptool: interrupted\n")
+    os._exit(INTERRUPTED)  # nothing is begun yet, or all is saved
 
 
 class Listener:

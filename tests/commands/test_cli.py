@@ -348,3 +348,19 @@ def test_notes_of_an_error_are_told(capsys) -> None:
 
     assert cli.run(fails) == 1
     assert capsys.readouterr().err == "whiptool: it failed; torque is off\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("words", [["whiptool.optimize"], ["whiptool.rig", "strike"], ["whiptool", "train"]])
+def test_a_signal_during_the_imports_of_a_command_ends_it_in_one_line(tmp_path, number, words):
+    """Here while tyro is imported, before a command runs."""
+    (tmp_path / "tyro.py").write_text(f"import os, time\nos.kill(os.getpid(), {int(number)})\ntime.sleep({HANG})\n")
+    done = subprocess.run(
+        [sys.executable, "-m", *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # background jobs inherit it as ignored
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "whiptool: interrupted\n")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import called, whiptool
+from command_line import assert_one_line, called, whiptool
 from processes import HANG
 
 from whiptool.comparison import Comparison, LearnerUnit, SearchUnit, Series, TargetScene, collect
@@ -300,3 +300,9 @@ def test_other_observations_train_shorter_in_proportion(scene):
     assert Comparison(scene=scene, plan=short, further_episodes=100).training("goal") == short
     with pytest.raises(InputError, match="episodes"):
         Comparison(scene=scene, further_episodes=0)
+
+
+def test_a_whip_that_no_posture_holds_free_is_refused_before_units_are_made(tmp_path):
+    words = ["compare", "--model", "ur5e", "--mount", "ceiling", 0.5, "--methods", "random"]
+    assert_one_line(called(*words, cwd=tmp_path), "whiptool: --whip-length and --mount: got 'a whip of 1 m on an arm")
+    assert not (tmp_path / "runs").exists()

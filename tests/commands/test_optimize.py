@@ -180,3 +180,41 @@ def test_a_whip_that_no_posture_holds_above_the_floor_is_refused_with_the_option
         "or a base higher above the floor, such as 3 m",
     )
     assert not (tmp_path / "runs").exists()
+
+
+def test_the_option_that_leaves_the_joints_no_range_is_named_first(tmp_path):
+    """A hundredth of its range holds no UR5e upright; half of it does."""
+    words = ["optimize", "--model", "ur5e", "--max-trials", 1, "--no-video"]
+    said = "--keep-free, --whip-length and --mount: got 'a whip of 1 m"
+    assert_one_line(called(*words, "--keep-free", 0.99, cwd=tmp_path), said, "give a smaller --keep-free")
+    assert called(*words, "--keep-free", 0.5, "--method", "random", cwd=tmp_path).returncode == 0
+
+
+def test_a_thing_that_the_arm_cannot_even_hold_is_refused_by_its_mass(tmp_path):
+    """The arm alone holds itself and the whip."""
+    words = ["optimize", "--throw", "--limits", "xm430", "--box", 1.8, -0.5, 0.2, "--thing-mass", 50]
+    assert_one_line(called(*words, cwd=tmp_path), "none that the arm can hold", "give a lighter thing (--thing-mass)")
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_search_that_takes_long_because_of_the_drag_says_so(tmp_path):
+    words = ["optimize", "--throw", "--box", 1.8, -0.5, 0.2, "--method", "random", "--max-trials", 1, "--no-video"]
+    said = "with a drag per mass of 35.4 1/m a flight is simulated in many steps: the search takes"
+    light = called(*words, "--thing-mass", 1e-5, cwd=tmp_path)
+    assert light.returncode == 0
+    assert said in light.stderr
+    assert "drag per mass" not in called(*words, cwd=tmp_path).stderr
+
+
+def test_joints_that_move_as_commanded_need_the_torques_to_hold_the_arm_all_the_same(tmp_path):
+    words = ["optimize", "--model", "ur5e", "--keep-free", 0.9]
+    said = ("none that the arm can hold: the easiest of 1025 needs", "give a smaller --keep-free, or start")
+    assert_one_line(called(*words, cwd=tmp_path), *said)
+
+
+@pytest.mark.slow
+def test_strikes_that_are_refused_for_several_reasons_come_with_the_cure_of_the_most_frequent(tmp_path):
+    words = ["--throw", "--model", "ur5e", "--box", 1.8, 0, 0, 0.2, "--thing-mass", 5, "--max-trials", 31, "--no-video"]
+    said = called("optimize", *words, cwd=tmp_path).stderr
+    assert "(1); the least of the first: at 0.286 s the torque of wrist_2 is +43.10 N m" in said
+    assert "give a lighter thing (--thing-mass), or other --lower and --upper" in said

@@ -136,8 +136,25 @@ def test_a_strike_above_and_through_a_floor_in_the_plane(capsys):
     assert not Path("no").exists()
 
 
+TABLE = """<mujoco><worldbody><geom name="table" type="box" size=".3 .5 .47" pos=".6 0 .47"/>
+  <body name="a" pos="0 0 1"><joint name="j" axis="0 1 0" range="-170 170"/>
+    <geom type="capsule" fromto="0 0 .1 0 0 .4" size=".05"/><site name="tip" pos="0 0 .6"/></body>
+</worldbody></mujoco>"""
+
+
+def test_what_the_smallest_distance_is_between_is_said(capsys):
+    """Held out level, the link of j is 1 cm above a table of the world."""
+    Path("world.xml").write_text(TABLE)
+    words = ["--model", "world.xml", "--whip-length", "0.02", "--strike", "1.57", "1.5707963", "1"]
+    assert simulate.main([*words, "--no-video", "--out", "level"]) == 0
+    line = next(x for x in capsys.readouterr().out.splitlines() if x.startswith("  clearance"))
+    assert "the distance from arm and whip to the arm, table and the floor at 0 m; nearest are the " in line
+    result = json.loads(Path("level/result.json").read_text())
+    assert result["nearest"] == ["the link of j", "table"]
+
+
 def test_a_search_that_no_strike_comes_through_says_why(capsys):
-    words = ["--method", "random", "--max-trials", "20", "--hit-radius", "0.01", "--no-video", "--floor", "-0.2"]
+    words = ["--method", "random", "--max-trials", "20", "--hit-radius", "0.01", "--no-video", "--floor", "-0.87"]
     assert optimize.main([*words, "--out", "none"]) == 0
     lines = capsys.readouterr().out
     assert "refused, like all other strikes; the best: at 0.000 s" in lines

@@ -16,7 +16,7 @@ from whiptool.errors import InputError
 from whiptool.limits.clearance import FRACTIONS, SPARE, UNIT, Clearance, HangingWhip, PathClearance
 from whiptool.models import Model, StrikeBounds, default_bounds, in_space, preset
 from whiptool.models.kinematics import joint_points
-from whiptool.models.mount import mounted
+from whiptool.models.mount import RADIUS, mounted
 from whiptool.models.presets import rope
 from whiptool.models.scene import Scene
 from whiptool.models.trajectory import Trajectory
@@ -264,6 +264,38 @@ def test_a_floor_above_every_posture_is_refused_in_whole_sentences():
     assert re.fullmatch(f"whip and mount: got '{stays}'", given)
     higher = "a base higher above the floor, such as 1 m, or a lower floor"
     assert allowed == f"a whip that hangs above the floor in some posture: {higher}"
+
+
+@pytest.mark.parametrize(
+    ("height", "said"),
+    [
+        (0.5, r"a whip of 1 m on an arm whose hand rises to 0.5 m above the floor at most'.* such as 1.3 m$"),
+        (
+            1.0,
+            r"too close to something in all of 1025 postures tried'.* at best .* 4 mm (inside the|below the) \w+; give",
+        ),
+    ],
+)
+def test_a_rope_that_hangs_free_in_no_posture_under_a_ceiling_is_refused(height, said):
+    """At 1 m the stick's radius, 8 mm, is lacking: that is shared between ceiling and floor."""
+    ur5e = preset("ur5e")
+    model = Model(ur5e.whip, mounted(ur5e.arm, "ceiling", height))
+    with pytest.raises(InputError, match=said):
+        Objective(CompiledRollout(model))
+    Objective(CompiledRollout(Model(ur5e.whip, mounted(ur5e.arm, "ceiling", 1.3))))
+
+
+def test_a_base_that_just_leaves_the_rope_room_is_not_refused():
+    """What is lacking at 1 m is the stick's radius."""
+    ur5e = preset("ur5e")
+    for over, refused in ((-1e-3, True), (1e-3, False)):
+        model = Model(ur5e.whip, mounted(ur5e.arm, "ceiling", 1.0 + RADIUS + over))
+        limits, box = Clearance(model, -1.0 - RADIUS - over), default_bounds(model.arm).box
+        if refused:
+            with pytest.raises(InputError, match="postures tried"):
+                limits.check_box(*box)
+        else:
+            limits.check_box(*box)
 
 
 def test_every_search_refuses_it_before_it_begins():

@@ -325,6 +325,14 @@ def test_shapes_that_are_not_looked_at_are_said(read, world, link, note):
     assert all(mine.startswith(its) for mine, its in zip(notes, note, strict=True))
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_warning_of_mujoco_is_a_note(read):
+    """It is not on stderr beside what a command says."""
+    scaled = BESIDE.format("", "").replace("<mujoco>", '<mujoco><compiler settotalmass="3"/>')
+    (note,) = read(scaled, ArmChoice()).notes
+    assert note.startswith("MuJoCo warns: compiler attribute 'settotalmass' is deprecated")
+
+
 def test_a_thing_that_is_called_like_a_joint_is_told_apart(read):
     arm = read(BESIDE.format('<geom name="j" size="0.1"/><body name="base"><geom size="0.1"/></body>', ""), ArmChoice())
     assert arm.bodies == ("j", "base", "j (shape)", "base (shape)")

@@ -153,3 +153,14 @@ def test_what_refused_a_strike_is_read_as_it_was_written(tmp_path: Path) -> None
     assert [line.split(",")[-2] for line in text] == ["status", "refused", "miss", "refused"]
     with pytest.raises(InputError, match="refused"):  # of a version that did not write the column
         TrialLog(tmp_path / "old.csv", ARM, limited=True).read()
+
+
+@pytest.mark.parametrize("content", [bytes(range(256)), b"\xc5\xd7\x14", "größe,q\n".encode()])
+def test_a_file_that_is_no_log_is_refused_in_words_and_kept(tmp_path, content):
+    path = tmp_path / "trials.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        TrialLog(path, preset("lemon2024").arm).read()
+    assert "trials.csv: got 'bytes that are not text'; allowed: the columns trial,q_si," in str(caught.value)
+    assert "\\x" not in str(caught.value)
+    assert path.read_bytes() == content

@@ -213,7 +213,7 @@ optimize --max-trials 1e3 | --max-trials
 optimize --max-time 0 | --max-time
 optimize --max-time nan | --max-time
 optimize --lower 0 0 0 0 1 --upper 1 1 1 1 0.5 | lower < upper
-optimize --lower 0 0 0 0 nan --upper 1 1 1 1 2 | lower[4]: got nan; allowed: a finite number
+optimize --lower 0 0 0 0 nan --upper 1 1 1 1 2 | --lower, number 5: got nan; allowed: a finite number
 optimize --lower 0 0 | --lower
 optimize --space hand --controller hand.toml | [controller.hand] into the file
 optimize --controller magic.toml | controller.hand.magic
@@ -233,8 +233,8 @@ optimize --throw --box 1.8 0 0.03 | an opening wider than the thing
 optimize --throw --box 1.8 0 nan | --box
 optimize --throw --box 1.8 0 0 0.2 | --box: got (1.8, 0.0, 0.0, 0.2); allowed: X Y SIZE in m
 optimize --throw --box 1.8 0 0.2 --box-normal 1 0 | degrees from straight up
-optimize --throw --box 1.8 0 0.2 --box-velocity 1 | velocity of the box
-optimize --throw --box 1.8 0 0.2 --least-speed 3 --most-speed 2 | largest speed
+optimize --throw --box 1.8 0 0.2 --box-velocity 1 | --box-velocity
+optimize --throw --box 1.8 0 0.2 --least-speed 3 --most-speed 2 | --most-speed
 optimize --throw --box 1.8 0 0.2 --thing-mass 0 | --thing-mass
 optimize --throw --box 1.8 0 0.2 --thing-diameter -1 | --thing-diameter
 optimize --throw --box 1.8 0 0.2 --release-from elbow | --release-from
@@ -242,7 +242,7 @@ optimize --throw --box 1.8 0 0.2 --release-time -1 | --release-time
 optimize --throw --box 1.8 0 0.2 --release-time 99 | --release-time: got 99.0; allowed: from 0 to 1.8 s
 optimize --throw --box 1.8 0 0.2 --direction 0 1 | one that leads into the opening
 optimize --throw --box 1.8 0 0.2 --box-velocity 50 0 | at most 10 m/s
-optimize --throw --box 1.8 0 0.4 --thing-mass 0.00005 --thing-diameter 0.2 | drag per mass of the thing
+optimize --throw --box 1.8 0 0.4 --thing-mass 0.00005 --thing-diameter 0.2 | --thing-mass and --thing-diameter
 optimize --throw --box 1.8 0 0.2 --release-noise 3 | --release-noise
 optimize --throw --box 1.8 0 0.2 --target 1 0 | without --throw
 optimize --throw --box 1.8 0 0.2 --method map | maps are of strikes
@@ -306,8 +306,8 @@ optimize --model entities.urdf | entities
 optimize --controller pipe.toml | pipe.toml
 optimize --controller huge-gain.toml | K
 optimize --controller law-list.toml | controller.law
-optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | lower[0]: got 1e+308
-optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | lower[0]
+optimize --lower 1e308 0 0 0 1 --upper 1 1 1 1 2 | --lower, number 1: got 1e+308
+optimize --lower HUGE 0 0 0 1 --upper 1 1 1 1 2 | --lower, number 1
 optimize --max-trials HUGE | --max-trials
 optimize --resume NAME | NAME
 simulate --strike 1e308 0 0 0 1 | strike vector: got (1e+308
@@ -341,7 +341,7 @@ optimize --resume of-path-list | --resume
 view foreign-run | the keys t
 view NAME | NAME
 optimize --model three.toml --controller constant | one per arm joint
-optimize --model three.toml | bounds
+optimize --model three.toml | --lower and --upper
 optimize --out taken | new or empty
 optimize --out file | --out
 optimize --out /proc/nowhere | can be written
@@ -704,7 +704,7 @@ learn --method gradient | --method
 learn --camera none | --camera
 learn --max-trials 0 | --max-trials
 learn --lower 1 2 | --lower
-learn --upper nan nan nan nan nan | upper[0]: got nan; allowed: a finite number
+learn --upper nan nan nan nan nan | --upper, number 1: got nan; allowed: a finite number
 learn --target 9 9 | target
 learn --resume of-simulate | --resume
 learn --resume absent | --resume

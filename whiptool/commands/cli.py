@@ -31,14 +31,13 @@ from whiptool.commands.run_folders import as_plain, options_of_run
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.progress import Progress
-from whiptool.stop_signals import Listener
+from whiptool.stop_signals import INTERRUPTED, Listener
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 T = TypeVar("T", bound=OptionGroup)
-INTERRUPTED = 130  # exit status, of either signal
 TOGETHER = 0.5  # [s] signals of one kind within this time are one: `timeout` tells a process, and then its group
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _state: list[Callable[[], str]] = []  # of the command that runs
@@ -177,8 +176,11 @@ def parse_resumable(
             mine = {f.name for f in dataclasses.fields(parsed)}
             small = options(**{name: value for name, value in quick.items() if name in mine})
         return parse(options, prog=prog, description=description, args=words, default=small)
-    with renaming({"run_folder": "--resume"}):
-        stored: Any = options_of_run(options, parsed.resume, command=command)
+    try:
+        with renaming({"run_folder": "--resume"}):
+            stored: Any = options_of_run(options, parsed.resume, command=command)
+    except InputError as error:
+        raise error if error.name == "--resume" else error.within("--resume ") from None
     try:
         again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
     except InputError as error:

@@ -258,9 +258,16 @@ def open_folder(command: str, options: ComparisonOptions, comparison: Comparison
     """Return the run folder of a command: a new folder, or that of the run to resume.
 
     Raises:
-        InputError: The folder cannot be made, or holds a run with another configuration.
+        InputError: The folder cannot be made, or holds a run with another configuration; or no strike can begin.
     """
+    from whiptool.limits.all_limits import AllLimits, default_limits
+
     scene = comparison.scene
+    space = scene.controller.strike_space(scene.model.arm)
+    limits = AllLimits(
+        default_limits(scene.model, prescribed=scene.controller.prescribed), by_joints=space.kind == "joint"
+    )
+    limits.narrowed(space.bounds)  # as every unit does, which names no options
     return run_folders.open_folder(
         options, command, run_folders.configuration(options, command, scene.model, scene.controller)
     )

@@ -37,7 +37,7 @@ from whiptool.commands.strike_lines import (
     with_cure,
 )
 from whiptool.errors import InputError
-from whiptool.progress import Progress
+from whiptool.progress import Progress, note
 from whiptool.words import counted
 
 if TYPE_CHECKING:
@@ -108,6 +108,7 @@ class OptimizeOptions(
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --target 1.2 0.1"
 
 
+_MUCH_DRAG = 5.0  # [1/m] per mass of a thing, a balloon's
 _REFUSALS_SHOWN = 30  # strikes that are all refused, after which a search reports it
 _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
 
@@ -133,6 +134,9 @@ class SearchRun:
         bounds = options.build_bounds(self.model, self.rollout.space)
         if options.throw:
             self._throws.check_release(bounds.upper[-1], options.t_stay)
+            if (braked := self._throws.thing.drag_per_mass) > _MUCH_DRAG:
+                said = f"with a drag per mass of {braked:.3g} 1/m a flight is simulated in many steps"
+                note(f"{said}: the search takes five to ten times as long")
         self.objective = Objective(
             self.rollout,
             self.target,
@@ -144,7 +148,9 @@ class SearchRun:
             limits=self.given,
             criteria=options.build_criteria(bounds),
         )
-        refuse_unheld(self.model, self.controller, self.objective.limits, self.objective.bounds)
+        if self.rollout.space.kind == "joint":
+            lighter = {"easier": f"give {self._easier}"} if self._easier else {}
+            refuse_unheld(self.rollout.model, self.controller, self.objective.limits, self.objective.bounds, **lighter)
         self.version = code_version()
         box = {name: list(values) for name, values in asdict(bounds).items()}
         config = run_folders.configuration(options, "optimize", self.model, self.controller, bounds=box)
@@ -194,24 +200,38 @@ class SearchRun:
                 if trial.number == _REFUSALS_SHOWN > known and objective.n_refused == trial.number:
                     bar.write(f"whiptool: {self._all_refused()}", file=sys.stderr)
 
+            bar.set_postfix_str("the first are simulated")
             objective.record(self.recorded, on_trial)
             return run_search(objective, run, self.method, seed=self.options.seed)
 
+    @property
+    def _easier(self) -> str:
+        """What of the options that are given asks more of joints and motors, as a cure; empty: nothing."""
+        own = ["a lighter thing (--thing-mass)"] * self.options.throw
+        return ", or ".join(own + ["a smaller --keep-free"] * bool(self.options.keep_free))
+
     def _all_refused(self) -> str:
-        """Say why every strike so far was refused: what the one that was closest to the limits is beyond."""
+        """Say why every strike so far was refused: what the one that was closest to the limits is beyond, of those that
+        were refused for the most frequent reason.
+        """
+        from whiptool.limits.all_limits import AllLimits
         from whiptool.objective import UNREACHABLE, why_lost
 
         objective, said = self.objective, None
-        assert objective.best is not None
-        if objective.best.outcome.refused != UNREACHABLE:
-            strike = self.rollout.space.strike(objective.best.strike)
+        reason = Counter(trial.outcome.refused for trial in objective.trials).most_common(1)[0][0]
+        alike = [trial for trial in objective.trials if trial.outcome.refused == reason]
+        if reason != UNREACHABLE:
+            strike = self.rollout.space.strike(min(alike, key=lambda trial: trial.outcome.cost).strike)
             trajectory = self.rollout.trajectory(strike, t_stay=self.options.t_stay)
-            found = objective.limits.worst(trajectory, self.model.arm.joints, strike)
+            of_reason = AllLimits([each for each in objective.limits.members if each.judges == reason])
+            found = of_reason.worst(trajectory, self.model.arm.joints, strike)
             said = None if found is None else with_cure(str(found), found.overlap)
-        why = ", ".join(f"{name} ({count})" for name, count in why_lost(objective.trials).items())
-        closest = "" if said is None else f"; the least of them: {said}"
-        motors = "other --limits, or " if objective.best.outcome.refused == "motor" else ""
-        cure = f"give {motors}other --lower and --upper"
+        reasons = Counter(why_lost(objective.trials)).most_common()
+        why = ", ".join(f"{name} ({count})" for name, count in reasons)
+        of = "these" if len(reasons) == 1 else "the first"
+        closest = "" if said is None else f"; the least of {of}: {said}"
+        own = [self._easier] if self._easier and reason in ("joint", "motor") else []
+        cure = "give " + ", or ".join([*own, *["other --limits"] * (reason == "motor"), "other --lower and --upper"])
         return f"all of the first {len(objective.trials)} strikes were refused: {why}{closest}; {cure}"
 
     def report(self, result) -> int:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from whiptool.commands.options.option_group import OptionGroup, OutputOptions, ResumableOptions, renaming
-from whiptool.errors import InputError
+from whiptool.errors import NOTHING, InputError, alike
+from whiptool.version import __version__
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -37,7 +38,7 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
     Raises:
         InputError: The folder has options of another command.
     """
-    from whiptool.given_files import check_kinds
+    from whiptool.given_files import check_kinds, parsing
     from whiptool.runs import CONFIG
 
     kinds = {f.name: str(f.type) for f in dataclasses.fields(options)}
@@ -47,15 +48,17 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
         fields[name] = _named_now(fields[name])
     paths = [name for name, kind in kinds.items() if "Path" in kind and isinstance(fields.get(name), str)]
     fields |= {name: Path(fields[name]) for name in paths}
-    try:
+    with parsing(path / CONFIG, "TOML"):
+        for name in (name for name in table if name not in kinds):
+            meant = alike(name, kinds)
+            fix = f"did you mean {meant}?" if meant else "begin a new run"
+            rule = f"an option of this command and version, {__version__}"
+            raise InputError(f"options.{name}", table[name], rule, fix)
+        for f in dataclasses.fields(options):
+            if f.name not in fields and f.default is f.default_factory is dataclasses.MISSING:
+                raise InputError(f"options.{f.name}", NOTHING, "a value")
         check_kinds(options, fields, "options.")
-    except InputError as error:
-        rule = "a folder of this command and version"
-        raise InputError("--resume", str(path / CONFIG), rule, f"reason: {error}") from None
-    try:
         return options(**fields)
-    except TypeError as error:
-        raise InputError("--resume", str(path), "a folder of this command and version", f"reason: {error}") from None
 
 
 def _named_now(observation: str | tuple[str, ...]) -> str | tuple[str, ...]:

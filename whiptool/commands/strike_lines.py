@@ -134,10 +134,10 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
     """Return how much of the limits a strike uses, as a table for JSON; it is empty if there are no limits.
 
     Each kind of limit has a key: `joint_usage`, `motor_usage` and `speed_usage` are fractions of it, `clearance` is the
-    smallest distance [m]. `unlimited` names the joints that have no limit of speed, torque or position. `point_speeds`
-    are the largest speeds of elbow, flange and hand of an arm in space [m/s]. `beyond` describes the limit that is
-    exceeded most, None: all are kept; `overlap` is whether this is that two shapes are inside each other. Numbers of a
-    diverged strike are None.
+    smallest distance [m] and `nearest` the two that it is between. `unlimited` names the joints that have no limit
+    of speed, torque or position. `point_speeds` are the largest speeds of elbow, flange and hand of an arm in space
+    [m/s]. `beyond` describes the limit that is exceeded most, None: all are kept; `overlap` is whether
+    this is that two shapes are inside each other. Numbers of a diverged strike are None.
     """
     from whiptool.limits.arm_limits import ArmLimits, unlimited
     from whiptool.limits.clearance import Clearance
@@ -149,6 +149,7 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
         if isinstance(each, Clearance):
             nearest = None if trajectory.diverged else each.nearest(trajectory)[0]
             table["clearance"] = None if nearest is None else nearest.clearance
+            table["nearest"] = None if nearest is None else list(nearest.names)
             continue
         if isinstance(each, ArmLimits):
             table["unlimited"] = unlimited(each.joints, arm.joints)
@@ -173,7 +174,8 @@ def limit_lines(limits: AllLimits, table: dict) -> list[str]:
         if table.get(f"{each.judges}_usage") is not None:
             lines.append(f"  {each.judges + 's':14s} {_used(table[f'{each.judges}_usage'], each.words)}")
         elif table.get(each.judges) is not None:
-            lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}")
+            nearest = f"nearest are {' and '.join(table['nearest'])}"
+            lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}; {nearest}")
     if table.get("point_speeds"):
         fastest = ", ".join(f"{name} {speed:.2f}" for name, speed in table["point_speeds"].items())
         lines.append(f"  point speeds   at most {fastest} m/s")

@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.given_files import number_in
 from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset, unlimited
-from whiptool.limits.clearance import Clearance, HangingWhip
+from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
 from whiptool.limits.point_speeds import PointSpeeds
 from whiptool.models.excess import Excess
@@ -190,9 +190,9 @@ class AllLimits:
                 for i in np.flatnonzero(~(lower < upper)):
                     rule = f"a range that overlaps the position limits, {low[i]:.4g} to {high[i]:.4g}"
                     raise InputError(f"bounds[{i}]", (bounds.lower[i], bounds.upper[i]), rule)
-        for smooth in self.smooth:
-            if isinstance(smooth, HangingWhip):
-                smooth.check_box(lower, upper)
+        for limits in self.members:
+            if isinstance(limits, Clearance) and self._by_joints:
+                limits.check_box(lower, upper)
         return StrikeBounds(tuple(lower), tuple(upper))
 
     @property

@@ -13,6 +13,7 @@ import numpy as np
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.limits.limits import Limits
+from whiptool.limits.postures import least_beyond
 from whiptool.models.excess import Excess
 from whiptool.models.kinematics import arm_poses, joint_points
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
@@ -20,7 +21,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
 from whiptool.models.trajectory import Trajectory
 
-_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is high enough; of these the highest are improved
+_UNDER_CEILING = 0.3  # [m] that an arm on a ceiling needs above the hand, about
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
 
@@ -35,6 +36,7 @@ class HangingWhip:
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
         self._arm, self._lowest = model.arm.in_space(), floor + least + _depth(model)
         self._turns, self._floor, self._length = model.arm.turns, floor, model.whip.length
+        self._hung = (self._arm.surface or (0.0, 0.0, 0.0))[2] < -1 + 1e-9  # from a ceiling, which the hand is below
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the whip of a strike (2 a + 1,) hangs too low [m], (1,), at most 0 if it keeps the
@@ -49,28 +51,20 @@ class HangingWhip:
 
     def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Refuse a whip that hangs too low in all postures of a box, whose corners are given as strikes (2 a + 1,)."""
-        from scipy.optimize import minimize
-
         a = self._arm.n
-        postures = np.random.default_rng(0).uniform(lower[:a], upper[:a], (_POSTURES, a))
-        heights = arm_poses(self._arm, postures)[0][:, -1, 2]
-        highest = float(heights.max())
-        for start in postures[heights.argsort()[-_CLIMBS:]] if highest < self._lowest else ():
-            found = minimize(self._lacking, start, jac=True, bounds=np.transpose([lower[:a], upper[:a]]))
-            highest = max(highest, self._lowest - float(found.fun))
+        lacking = least_beyond(lambda q: float(self.constraints(np.r_[q, q, 0.0])[0][0]), lower[:a], upper[:a])[0]
+        highest = self._lowest - lacking
+        highest = min(highest, 0.0) if self._hung else highest
         if highest < self._lowest:
             room, length = highest - self._floor, self._length
             above = f"rises to {room:.3g} m above the floor at most"
             below = f"stays at least {-room:.3g} m below the floor"
             given = f"a whip of {length:.3g} m on an arm whose hand {above if room > 0 else below}"
-            higher = f"a base higher above the floor, such as {math.ceil(10 * length - 1e-9) / 10:g} m"
+            needed = length + (_UNDER_CEILING if self._hung else 0.0)
+            higher = f"a base higher above the floor, such as {math.ceil(10 * needed - 1e-9) / 10:g} m"
             shorter = f"a shorter whip, such as {room / 2:.2g} m, or {higher}"
             rule = shorter if room > 0.02 else f"{higher}, or a lower floor"
             raise InputError("whip and mount", given, f"a whip that hangs above the floor in some posture: {rule}")
-
-    def _lacking(self, q: np.ndarray) -> tuple[float, np.ndarray]:
-        values, slopes = self.constraints(np.r_[q, q, 0.0])
-        return float(values[0]), slopes[0, : len(q)]
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether the whips of strikes (B, 2 a + 1) hang high enough, (B,)."""
@@ -196,8 +190,11 @@ class Clearance(Limits):
     @property
     def words(self) -> str:
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
-        surface = "" if self.model.arm.in_space().surface is None else ", the surface at its base"
-        floor = surface + ("" if self.floor is None else f" and the floor at {self.floor:g} m")
+        arm = self.model.arm.in_space()
+        others = ["the surface at its base"] * (arm.surface is not None) + list(arm.bodies[arm.n + 1 :])
+        floor = "".join(f", {other}" for other in others) + (
+            "" if self.floor is None else f" and the floor at {self.floor:g} m"
+        )
         return f"the distance{kept} from arm and whip to the arm{floor}"
 
     @cached_property
@@ -225,6 +222,25 @@ class Clearance(Limits):
         path = PathClearance(self.model, self.floor, self.least)
         return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)
 
+    def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Refuse a model whose arm or hanging whip is too close to something in all postures of a box, whose corners
+        are given as strikes (2 a + 1,); see `least_beyond` for those that are tried.
+        """
+        for smooth in self.smooth:
+            if isinstance(smooth, HangingWhip):
+                smooth.check_box(lower, upper)
+        low, high = lower[: self.model.arm.n], upper[: self.model.arm.n]
+        nearest = lambda q: self._nearest(start_posture(self.model, q[None]), self.least, self._scene)  # noqa: E731
+        beyond, q, tried = least_beyond(lambda q: self._beyond(nearest(q)), low, high)
+        if beyond <= 0 or (pair := nearest(q)) is None:
+            return
+        found = self._said(pair, 0.0)
+        given = f"an arm and a whip that are too close to something in all of {tried} postures tried"
+        rule = f"a posture in which arm and hanging whip keep {self.words}; at best {found.words}"
+        fix = "give a shorter whip, a base higher above the floor, a lower floor, or another mount"
+        alone = "; where shapes of the arm's file touch in every posture, name their links in arm.never_touch"
+        raise InputError("whip and mount", given, rule, fix + alone * found.overlap)
+
     def nearest(self, trajectory: Trajectory, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
         """Return the closest pair of bodies over a strike (None if nothing is compared) and the time [s]; neighbouring
         links only if they overlap. A distance above `enough` [m] need not be exact.
@@ -246,11 +262,10 @@ class Clearance(Limits):
         """Return by how much a strike falls below the allowed distance, in units of 0.1 m; at most 0 if it is kept."""
         if trajectory.diverged:
             return math.inf
-        found = self.nearest(trajectory, enough=self.least)[0]
-        return -math.inf if found is None else self._beyond(found)
+        return self._beyond(self.nearest(trajectory, enough=self.least)[0])
 
-    def _beyond(self, found: NearestPair) -> float:
-        return (self.least - found.clearance) / UNIT
+    def _beyond(self, found: NearestPair | None) -> float:
+        return -math.inf if found is None else (self.least - found.clearance) / UNIT
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> Excess:
         """Return a description of the closest pair of bodies."""

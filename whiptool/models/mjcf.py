@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,9 +57,12 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
             coupled joints (also by tendons) or joints of an unknown kind; or a chosen name does not exist.
     """
     try:
-        return _Robot(*_compiled(Path(path)), choice or ArmChoice()).arm()
+        with warnings.catch_warnings(record=True, action="always") as said:
+            compiled = _compiled(Path(path))
+        arm = _Robot(*compiled, choice or ArmChoice()).arm()
     except InputError as error:
         raise error.within(f"{path}: ") from None
+    return replace(arm, notes=(*arm.notes, *dict.fromkeys(f"MuJoCo warns: {warning.message}" for warning in said)))
 
 
 def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[Look]:
@@ -69,7 +73,8 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
     path = Path(path)
     check_mjcf(path)
     try:
-        model = _parsed(path).compile()
+        with warnings.catch_warnings(action="ignore"):  # `read_mjcf` tells them
+            model = _parsed(path).compile()
     except Exception as error:  # MuJoCo's own are of several kinds
         raise InputError("file", "no model", "an MJCF file with its meshes, that MuJoCo compiles", str(error)) from None
     try:

@@ -129,6 +129,9 @@ class TrialLog:
 
         An incomplete last line is removed from the file. If more is damaged, the file is renamed first, which is
         reported on stderr.
+
+        Raises:
+            InputError: The first line is not the header of such a log.
         """
         if not self.path.exists():
             return []
@@ -136,7 +139,8 @@ class TrialLog:
         *lines, cut_off = data.split(b"\n")
         header = _line(self.columns.header).encode()
         if not header.startswith(b"".join(line + b"\n" for line in lines[:1]) or cut_off):
-            given = data[:80].decode("utf-8", "backslashreplace")
+            begin = data[:80].decode("latin-1").replace("\n", " ")
+            given = begin if begin.isascii() and begin.isprintable() else "bytes that are not text"
             fix = "move it away: resumed without it, the run makes its trials again"
             raise InputError(str(self.path), given, "the columns " + ",".join(self.columns.header), fix)
         trials: list[Trial] = []

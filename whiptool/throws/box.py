@@ -57,7 +57,9 @@ class Box(Target):
             if np.linalg.norm(self.drift) > FASTEST_BOX:
                 raise InputError("velocity of the box", self.velocity, f"at most {FASTEST_BOX:g} m/s")
         if self.most_speed is not None:
-            most = number("largest speed", self.most_speed, low=self.speed or 0.0, strict=True)
+            most = number("largest speed", self.most_speed, low=0.0, strict=True)
+            if most <= (least := self.speed or 0.0):
+                raise InputError("largest speed", most, f"a speed above the least speed, {least:g} m/s")
             object.__setattr__(self, "most_speed", most)
         self._check_direction_into()
 

@@ -18,6 +18,7 @@ from whiptool.commands.options.option_group import (
     SeedOptions,
     flag,
     flags,
+    renaming,
     whole,
 )
 from whiptool.errors import InputError
@@ -138,3 +139,58 @@ def test_names_are_those_of_the_library_in_any_spelling():
 def test_a_name_that_is_none_is_told_the_choices_in_their_order(words, said, capsys):
     assert cli.main_of(words[0])(words[1:]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["--throw", "--box", 2, 0, 0.2, "--most-speed", 1, "--least-speed", 2],
+            "--most-speed: got 1.0; allowed: a speed above the least speed, 2 m/s",
+        ),
+        (["--lower", 0, 0, 0, 0, 2, "--upper", 1, 1, 1, 1, 1], "--lower and --upper, number 5: got (2.0, 1.0)"),
+        (["--throw", "--box", 2, 0, 0.2, "--box-normal", 1, -1], "--box-normal: got (1.0, -1.0)"),
+        (["--throw", "--box", 2, 0, 0.2, "--box-velocity", 99, 0], "--box-velocity: got (99.0, 0.0)"),
+        (["--throw", "--box", 2, 0, 0.2, "--thing-mass", 1e-9], "--thing-mass and --thing-diameter: got 354"),
+    ],
+)
+def test_an_error_of_the_library_names_the_option_that_was_given(capsys, words, said):
+    from whiptool.commands.optimize import main
+
+    assert main(list(map(str, words))) == 2
+    assert f"whiptool: {said}" in capsys.readouterr().err
+
+
+def test_a_number_of_an_argument_that_is_no_list_keeps_its_place():
+    with pytest.raises(InputError, match=r"^new, number 3: got 1"), renaming({"old": "new"}):
+        raise InputError("old[2]", 1, "2")
+    with pytest.raises(InputError, match=r"^new\[elbow\]: got 1"), renaming({"old": "new"}):
+        raise InputError("old[elbow]", 1, "2")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("foo = 1", r"config\.toml: foo: got 1; allowed: only version, command, options, model, .*; remove it$"),
+        ("[options]\nsed = 4", r"config\.toml: options\.sed: got 4; allowed: an option .*; did you mean seed\?$"),
+        ("[options]\nzzz = 4", r"config\.toml: options\.zzz: got 4; allowed: an option .*; begin a new run$"),
+        ("[options]\nseed = 'x'", r"config\.toml: options\.seed: got 'x'; allowed: a value of the kind int$"),
+        ("[options]\nseed = 4", ""),
+    ],
+)
+def test_what_a_stored_configuration_says_is_heard_or_refused_by_file_and_key(tmp_path, line, said):
+    (tmp_path / "config.toml").write_text(f'command = "pace"\n{line}\n' + "[options]\n" * ("[" not in line))
+    if not said:
+        assert run_folders.options_of_run(Command, tmp_path, command="pace").seed == 4
+        return
+    with pytest.raises(InputError, match=said):
+        run_folders.options_of_run(Command, tmp_path, command="pace")
+
+
+def test_an_option_without_a_default_that_a_stored_configuration_lacks_is_named(tmp_path):
+    @dataclass(frozen=True, kw_only=True)
+    class Needing(OptionGroup):
+        recordings: tuple[str, ...]
+
+    with pytest.raises(InputError, match=r"config\.toml: options\.recordings: got nothing; allowed: a value$"):
+        run_folders.stored_options(Needing, {}, tmp_path)

@@ -344,6 +344,17 @@ def flags(options: OptionGroup) -> Iterator[tuple[str, str]]:
             yield f.name, flag(f.name)
 
 
+_OF_MODEL = "--whip-length and --mount"
+_OPTIONS = {  # by the library's names, where these differ
+    "whip_and_mount": _OF_MODEL,
+    "bounds": "--lower and --upper",
+    "largest_speed": "--most-speed",
+    "normal_of_the_box": "--box-normal",
+    "velocity_of_the_box": "--box-velocity",
+    "drag_per_mass_of_the_thing": "--thing-mass and --thing-diameter",
+}
+
+
 @contextmanager
 def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
     """Rename, in an InputError raised within the `with` block, the library's argument to the command's option.
@@ -355,11 +366,14 @@ def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
     Raises:
         InputError: The error that was raised in the block, with the option's name.
     """
+    free = getattr(options, "keep_free", 0.0)
     try:
-        of_model = {"whip_and_mount": "--whip-length and --mount"}
-        with renaming({**of_model, **dict(flags(options)), **others}):
+        with renaming({**_OPTIONS, **dict(flags(options)), **others}):
             yield
     except InputError as error:
+        if free and error.name == _OF_MODEL:
+            error = error.renamed(f"--keep-free, {_OF_MODEL}")
+            error = error.advising(f"joints move within {1 - free:.2g} of their ranges: give a smaller --keep-free")
         raise of_run(error, getattr(options, "resume", None)) from None
 
 
@@ -379,13 +393,17 @@ def renaming(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
     """Rename the value that an InputError raised in a `with` block names, and add a fix to the error.
 
     Args:
-        names: New names, by the old names with underscores instead of spaces; other values are not renamed.
+        names: New names, by the old names with underscores instead of spaces; other values are not renamed. Of `x[2]`,
+            the third number of `x`, the name is that of `x`.
         fix: Text on how to correct the error.
     """
     try:
         yield
     except InputError as error:
-        name = names.get(error.name.replace(" ", "_"))
+        old, _, index = error.name.replace(" ", "_").partition("[")
+        name = names.get(old)
         if name is None:
             raise
-        raise error.renamed(name, fix) from None
+        number = index.removesuffix("]")
+        place = f", number {int(number) + 1}" if number.isdecimal() else index and f"[{index}"
+        raise error.renamed(name + place, fix) from None

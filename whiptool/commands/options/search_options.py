@@ -197,58 +197,62 @@ class CriteriaOptions(OptionGroup):
         return tuple(find_criterion(name, bounds, noise=self.noise) for name in names)
 
 
-_POSTURES = 2000  # that are tried, and the straight arm
 _SURELY = 0.02  # beyond the limits, in parts of them: a posture between those tried may ask for a little less
+_LIGHTER = "take a lighter whip or arm, or stronger motors"
 
 
-def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bounds: StrikeBounds) -> None:
-    """Refuse bounds of strikes if the arm can hold none of the start postures, or none of the end postures, within the
-    limits.
+def refuse_unheld(
+    model: Model, controller: Controller, limits: AllLimits, bounds: StrikeBounds, *, easier: str = _LIGHTER
+) -> None:
+    """Refuse bounds of strikes in joint space if the arm can hold none of the start postures, or none of the end
+    postures, within the limits.
+
+    Args:
+        model: Model of arm and whip, with what the whip holds.
+        controller, limits, bounds: Those of the strikes.
+        easier: Text on what reduces the torques.
 
     Raises:
         InputError: Gravity alone needs more torque than the motors or joints give at every start posture within the
             bounds, or at every end posture.
     """
-    if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
+    if not limits or controller.hand is not None or model.arm.weightless:
         return
-    a = model.arm.n
-    for name, part in (("start", slice(a)), ("end", slice(a, 2 * a))):
-        low, high = (x[part] for x in bounds.box)
-        beyond, torques = _easiest_to_hold(model, controller, limits, low, high)
-        if beyond > _SURELY:
-            rule = f"within {' and '.join(each.words for each in limits.members)}"
-            fix = f"{name} elsewhere (--lower, --upper), or take a lighter whip or arm, or stronger motors"
-            raise InputError(f"{name} postures", f"none that the arm can hold: the easiest needs {torques}", rule, fix)
-
-
-def _easiest_to_hold(
-    model: Model, controller: Controller, limits: AllLimits, low: np.ndarray, high: np.ndarray
-) -> tuple[float, str]:
-    """Return how far beyond the limits the posture of a box is that is easiest to hold, and its torques in words.
-
-    Args:
-        low, high: Corners of the box, (a,).
-    """
     from whiptool.impedance.arm import Arm
-    from whiptool.models.trajectory import Approach
+    from whiptool.limits.postures import least_beyond
 
     a, arm = model.arm.n, Arm(model)
-    q = np.vstack([np.random.default_rng(0).uniform(low, high, (_POSTURES, a)), np.clip(np.zeros(a), low, high)])
-    tau = np.abs(controller.clipped(np.array([arm.gravity_compensation(x, controller.compensated) for x in q])))
-    still, nowhere = np.zeros_like(tau), np.zeros((len(q), model.dimension))
+
+    def held(q: np.ndarray) -> np.ndarray:
+        return np.abs(controller.clipped(arm.gravity_compensation(q, controller.compensated)))
+
+    for name, part in (("start", slice(a)), ("end", slice(a, 2 * a))):
+        low, high = (x[part] for x in bounds.box)
+        beyond, q, tried = least_beyond(
+            lambda q: _beyond_at_rest(limits, q, held(q), model.dimension), low, high, enough=_SURELY
+        )
+        if beyond > _SURELY:
+            rule = f"within {' and '.join(each.words for each in limits.members)}"
+            units = ["N" if joint in model.arm.slides else "N m" for joint in model.arm.joints]
+            each = zip(model.arm.joints, held(q), units, strict=True)
+            torques = ", ".join(f"{joint} {torque:.2f} {unit}" for joint, torque, unit in each)
+            given = f"none that the arm can hold: the easiest of {tried} needs {torques}"
+            raise InputError(f"{name} postures", given, rule, f"{easier}, or {name} elsewhere (--lower, --upper)")
+
+
+def _beyond_at_rest(limits: AllLimits, q: np.ndarray, tau: np.ndarray, dimension: int) -> float:
+    """Return how far beyond the limits an arm is that is still at joint positions q (a,), with torques tau (a,)."""
+    from whiptool.models.trajectory import Approach
+
+    nowhere, still = np.zeros((1, dimension)), np.zeros(1)
     at_rest = Approach(
-        distance=still[:, 0],
-        time=still[:, 0],
+        distance=still,
+        time=still,
         velocity=nowhere,
         tip=nowhere,
-        max_joint_speed=still,
-        max_torque=tau,
-        diverged=np.zeros(len(q), bool),
-        positions=np.stack([q, q], axis=1),
+        max_joint_speed=np.zeros((1, len(q))),
+        max_torque=tau[None],
+        diverged=np.zeros(1, bool),
+        positions=np.stack([q, q])[None],
     )
-    beyond = limits.violation_of_peaks(at_rest)
-    least = int(beyond.argmin())
-    units = ["N" if joint in model.arm.slides else "N m" for joint in model.arm.joints]
-    held = zip(model.arm.joints, tau[least], units, strict=True)
-    torques = ", ".join(f"{joint} {torque:.2f} {unit}" for joint, torque, unit in held)
-    return float(beyond[least]), torques
+    return float(limits.violation_of_peaks(at_rest)[0])
