@@ -284,8 +284,9 @@ class Watch:
             return SafetyError("overrun", f"{self._overruns} cycles in a row ended too late")
         return None
 
-    def sample(self, t: float, s: JointSample, q_d: np.ndarray, load: np.ndarray | float = 0) -> SafetyError | None:
-        """Check a sample at time t [s], reference q_d [rad], (n,), `load` as in `Encoders.read`; return a fault."""
+    def sample(self, t: float, s: JointSample, q_d: np.ndarray, *forces: np.ndarray) -> SafetyError | None:
+        """Check a sample at time t [s], reference q_d [rad], (n,); return a fault. `forces` are load and inertia as in
+        `Encoders.read`."""
         g = self.guards
         self._missed = 0
         lag = q_d - s.q
@@ -303,7 +304,7 @@ class Watch:
         )
         if not fine.all():
             return self._name(s, lag)
-        return self._stale(t, s) or self._encoders.read(s.q, s.v, s.tick, load) or self._frozen(s, q_d)
+        return self._stale(t, s) or self._encoders.read(s.q, s.v, s.tick, *forces) or self._frozen(s, q_d)
 
     def _name(self, s: JointSample, lag: np.ndarray) -> SafetyError:
         """The limit that a bad sample exceeds, the gravest first."""
