@@ -16,7 +16,7 @@ later; at the fault, position and velocity are what a joint that comes to rest m
 not turn by three counts any more. `off_rad` is the largest true movement that the readings did not show.
 
 With `--free`, so many strikes without a fault are made on twins that differ from the model: friction up to 0.2 N m,
-rotors up to 0.012 kg m^2, masses and inertias by 15 %, another whip, winding and delays, and cycles of 1.5 to 2.5 ms.
+rotors up to 0.012 kg m^2, masses and inertias by 15 %, another whip, winding (15 %), torque constant (5 %) and delays, and cycles of 1.5 to 2.5 ms in half of them.
 A fault of an encoder among them is a false alarm.
 """
 
@@ -214,6 +214,7 @@ def unlike(rng: np.random.Generator, model) -> TwinOptions:
         friction_velocity=rng.uniform(0.02, 0.05),
         inertia=rng.uniform(0, 0.012),
         resistance=Motor().resistance * rng.uniform(0.85, 1.15),
+        back_emf=Motor().back_emf * rng.uniform(0.95, 1.05),
     )
     off = rng.uniform(0.85, 1.15, (len(model.arm.links), 2))
     links = [replace(x, mass=x.mass * m, inertia=x.inertia * i) for x, (m, i) in zip(model.arm.links, off, strict=True)]

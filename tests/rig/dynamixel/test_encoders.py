@@ -26,13 +26,13 @@ def readings(speed, n: int = 200, start: int = 0):
 INERTIA = np.diag([0.01, 0.07])  # [kg m^2]
 
 
-def first_fault(rows, push=0.0, short=0.0, inertia=None) -> tuple[int, str] | None:
+def first_fault(rows, push=0.0, short=0.0, inertia=None, emf=0.0) -> tuple[int, str] | None:
     """The number of the reading that is found to be wrong, and what is said; `push` may be a function of its number."""
     guards = Guards()
     encoders = Encoders(2, jump=guards.jump, push=guards.push)
     for k, (q, v, tick) in enumerate(rows):
         load = np.array([[push(k) if callable(push) else push, 0.0], [short, 0.0]])
-        fault = encoders.read(q, v, tick, load, inertia)
+        fault = encoders.read(q, v, tick, np.array([emf * (k >= 100), 0.0]), load, inertia)
         if fault is not None:
             assert fault.kind == "encoder"
             return k, str(fault)
@@ -117,6 +117,13 @@ def test_a_joint_that_the_whip_pulls_may_rest_if_it_was_pulled_while_it_moved():
     found = first_fault(rows, lambda k: 1.2 * (k >= 75) + slows[k], inertia=INERTIA)
     assert found is not None
     assert found[0] <= 85
+
+
+def test_a_joint_that_reads_as_resting_while_its_motor_has_a_back_emf_is_found_in_the_second_reading():
+    found = first_fault(readings(lambda t: 0 * t), emf=0.1)
+    assert found is not None
+    assert found[0] == 101
+    assert first_fault(readings(lambda t: 1.0 + 0 * t), emf=0.1) is None
 
 
 def test_a_position_that_stands_while_its_velocity_says_that_it_moves_is_found():

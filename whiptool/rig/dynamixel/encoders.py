@@ -23,7 +23,8 @@ class Encoders:
 
     - Jump: a position changes by `jump` more or less than by the velocities of both readings times the step, which the
       servos' clocks tell to 1 ms.
-    - Stop: a joint that rests in two readings or more has to be stopped and held by torques, see `Balance`.
+    - Stop: a joint that rests in two readings or more has to be stopped and held by torques, see `Balance`; and its
+      motor has no back EMF in two of them.
     - Hold: a position stays within a count while the velocities add up to `jump`, a mean torque beyond gravity's of
       more than `push` acts, or the motor gives 0.5 N m less than it is asked for, as one that turns fast.
 
@@ -39,6 +40,7 @@ class Encoders:
         self._stands = np.full(joints, np.nan)
         self._turned = np.zeros(joints)  # integral of the velocity since it stands there [rad]
         self._means = np.zeros((2, joints))  # mean torques since then, beyond gravity's and short of what is asked for
+        self._turns = np.zeros(joints, int)  # successive readings in which it stands while its motor turns
         self._balance = Balance(joints)
 
     def read(
@@ -46,6 +48,7 @@ class Encoders:
         q: np.ndarray,
         v: np.ndarray,
         tick: np.ndarray,
+        emf: np.ndarray | float = 0,
         load: np.ndarray | float = 0,
         inertia: np.ndarray | None = None,
     ) -> SafetyError | None:
@@ -54,6 +57,7 @@ class Encoders:
         Args:
             q, v: Positions [rad] and velocities [rad/s], (n,).
             tick: The servos' clocks [ms], modulo 32768, (n,).
+            emf: Speeds by the back EMF, as in `JointSample` [rad/s], (n,).
             load: Torques beyond gravity's and those of the joints' speeds, and short of what the motors are asked for
                 [N m], (2, n).
             inertia: The arm's inertia matrix [kg m^2], (n, n); None: balances are not checked.
@@ -74,6 +78,8 @@ class Encoders:
         self._means = np.where(moved, 0.0, load + (self._means - load) * np.exp(-step / AVERAGED))
         push, short = np.abs(self._means)
         held = (np.abs(self._turned) > self._jump) | (push > self._most) | (short > SHORT)
+        self._turns = np.where((np.asarray(emf) != 0) & (np.abs(v) < RESTS) & ~moved, self._turns + 1, 0)
+        held |= self._turns > 1
         if inertia is not None:
             held |= self._balance.lacks(q, v, v - v_0, np.maximum(step, TICK), load[0], inertia)
         if held.any():
