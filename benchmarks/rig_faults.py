@@ -16,8 +16,8 @@ later; at the fault, position and velocity are what a joint that comes to rest m
 not turn by three counts any more. `off_rad` is the largest true movement that the readings did not show.
 
 With `--free`, so many strikes without a fault are made on twins that differ from the model: friction up to 0.2 N m,
-rotors up to 0.012 kg m^2, masses and inertias by 15 %, another whip, winding (15 %), torque constant (5 %) and delays, and cycles of 1.5 to 2.5 ms in half of them.
-A fault of an encoder among them is a false alarm.
+rotors up to 0.012 kg m^2, masses, inertias and windings by 15 %, the torque constant by 5 %, another whip, delays, and
+in half of them cycles of 1.5 to 2.5 ms. A fault of an encoder among them is a false alarm.
 """
 
 from __future__ import annotations

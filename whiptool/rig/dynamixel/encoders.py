@@ -81,9 +81,9 @@ class Encoders:
         self._turns = np.where((np.asarray(emf) != 0) & (np.abs(v) < RESTS) & ~moved, self._turns + 1, 0)
         held |= self._turns > 1
         if inertia is not None:
-            held |= self._balance.lacks(q, v, v - v_0, np.maximum(step, TICK), load[0], inertia)
+            held |= self._balance.lacks(q, v, v - v_0, np.maximum(step, TICK), np.asarray(load)[0], inertia)
         if held.any():
-            return SafetyError("encoder", f"that of joint {int(held.argmax())} stands still while it turns")
+            return SafetyError("encoder", f"that of joint {int(held.argmax())} stands still while it should turn")
         return None
 
 
