@@ -13,7 +13,8 @@ is wrong from the first cycle in which it differs from the true position by more
 from there to the fault. Of encoders that stop there are three classes. `visible`: at that moment the joint turns by a
 count or more in two cycles, which is faster than 0.38 rad/s. `slow`: it turns slower, and the reading becomes wrong
 later; at the fault, position and velocity are what a joint that comes to rest may read. `never wrong`: the joint does
-not turn by three counts any more. `off_rad` is the largest true movement that the readings did not show.
+not turn by three counts until the fault is found or the strike ends. `off_rad` is the largest true movement that the
+readings did not show.
 
 With `--free`, so many strikes without a fault are made on twins that differ from the model: friction up to 0.2 N m,
 rotors up to 0.012 kg m^2, masses, inertias and windings by 15 %, the torque constant by 5 %, another whip, delays, and
