@@ -101,7 +101,7 @@ class Balance:
     """
 
     def __init__(self, joints: int) -> None:
-        self._pull, self._load = np.zeros(joints), np.zeros(joints)  # [N m]
+        self._pull, self._load, self._change = np.zeros((3, joints))  # [N m]
         self._sums = np.zeros((2, joints))  # impulses that lack since it rests, of both signs [N m s]
         self._rests, self._at = np.zeros(joints, int), np.full(joints, np.nan)  # number of readings, and where [rad]
 
@@ -112,10 +112,11 @@ class Balance:
         [kg m^2], (n, n); return whether each joint reads as resting and cannot rest, (n,).
         """
         inertia = inertia + ROTOR * np.eye(len(q))
-        pull, change = inertia @ dv / step - (self._load + load) / 2, np.abs(load - self._load)
+        pull, change, last = inertia @ dv / step - (self._load + load) / 2, np.abs(load - self._load), self._change
         rests = (np.abs(v) < RESTS) & (np.abs(q - self._at) <= COUNT)
-        lack = np.array([pull - self._pull, self._pull - pull]) - LACKS - change
+        lack = np.array([pull - self._pull, self._pull - pull]) - LACKS - np.maximum(change, last)  # delays
         self._sums = np.where(rests, np.maximum(0.0, self._sums + lack * step), 0.0)
         self._pull = np.where(rests, self._pull, pull + (self._pull - pull) * np.exp(-step / PULL))
-        self._rests, self._at, self._load = np.where(rests, self._rests + 1, 0), np.where(rests, self._at, q), load
+        self._rests, self._at = np.where(rests, self._rests + 1, 0), np.where(rests, self._at, q)
+        self._load, self._change = load, change
         return (self._rests > 1) & (self._sums.max(axis=0) > ROUGH * np.diag(inertia))
