@@ -320,8 +320,9 @@ class RigLoop:
             if sample is not None:
                 self._sample = sample
                 acts = joints.torque_constant * sample.current
-                beyond, short = acts - self.arm.gravity_compensation(sample.q), joints.torque(safety.last) - acts
-                error = watch.sample(stamp, sample, q_d, np.array([beyond, short]))
+                rigid = self.arm.feedforward(sample.q, sample.v, np.zeros(n)) + self.arm.gravity_compensation(sample.q)
+                load = np.array([acts - rigid, joints.torque(safety.last) - acts])
+                error = watch.sample(stamp, sample, q_d, load, self.arm.inertia(sample.q))
             if signals.received and error is None:
                 error = SafetyError("signal", f"{signals.received} came")
             if error is None and sample is not None:

@@ -15,6 +15,7 @@ from whiptool.limits.arm_limits import XM430
 from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.dynamixel import Joints, Units
 from whiptool.rig.dynamixel.joints import ASSUMED, Guards, JointSample, Watch, check_registers, mismatches
+from whiptool.rig.emulator import Fault
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.stops import SafetyError
 
@@ -29,6 +30,32 @@ def test_joints_are_in_si_units(bus):
     assert np.abs(joints.counts(np.array([9.0, -9.0]))).max() == 100
     with pytest.raises(InputError, match="direction"):
         Joints(bus, direction=[1, 2])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_back_emf_tells_the_speed_of_a_motor_whose_encoder_stopped(bus, twin, sign):
+    """The arm falls without current, and its motors' voltage is that of a generator."""
+    joints = Joints(bus, direction=[sign, sign])
+    twin.reset((1.5, 0.5))
+    bus.prepare_block()
+    bus.write_all("operating_mode", 0)
+    bus.write_all("torque_enable", 1)
+    np.testing.assert_array_equal(joints.read().emf, [0.0, 0.0])
+    for k in range(60):
+        if k == 40:
+            fallen = joints.read()
+            twin.inject(Fault("stuck", servo=0))
+        bus.write_currents([0, 0])
+    stopped, v = joints.read(), twin.state()["v"][:2]
+    assert stopped.v[0] == 0
+    assert abs(v[0]) > 1.0
+    np.testing.assert_allclose(stopped.emf, sign * np.sign(v) * np.maximum(0, np.abs(v) - 0.4), atol=0.02)
+    np.testing.assert_allclose(fallen.emf, np.sign(fallen.v) * np.maximum(0, np.abs(fallen.v) - 0.4), atol=0.02)
+    bus.write_currents([300, 0])  # its voltage drop is a third of the supply's, of which a quarter is not believed
+    more = joints.read()
+    drop = XM430.no_load_speed * more.current[0] / XM430.stall_current
+    exact = twin.state()["v"][0] * sign
+    assert more.emf[0] == pytest.approx(np.sign(exact) * max(0, abs(exact) - 0.4 - abs(drop) / 4), abs=0.03)
 
 
 pytest.importorskip("dynamixel_sdk")

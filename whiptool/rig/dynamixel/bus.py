@@ -18,6 +18,7 @@ BLOCK = (
     "hardware_error_status",
     "bus_watchdog",
     "realtime_tick",
+    "present_pwm",
     "present_current",
     "present_velocity",
     "present_position",

@@ -195,6 +195,7 @@ class Units:
 
 
 VOLTAGE_UNIT = 0.1  # [V], of Present Input Voltage(144)
+RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
 
 
 def in_words(flags: int) -> str:

@@ -17,6 +17,7 @@ from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.control_table import (
     FIRMWARE,
+    RATED_VOLTAGE,
     TICKS,
     VOLTAGE_UNIT,
     WATCHDOG_TRIPPED,
@@ -42,6 +43,8 @@ class JointSample:
         torque_on: Value of the register Torque Enable(64); 0 with torque off.
         watchdog: Value of the register Bus Watchdog(98); -1 if the watchdog has tripped.
         tick: The servos' clocks [ms], modulo 32768.
+        emf: Speed that the motor has at least, as its back EMF tells [rad/s]: of what its voltage and current tell, all
+            that exceeds 0.4 rad/s and a quarter of the winding's voltage drop; 0: it may be at rest.
     """
 
     q: np.ndarray
@@ -53,6 +56,7 @@ class JointSample:
     torque_on: np.ndarray
     watchdog: np.ndarray
     tick: np.ndarray
+    emf: np.ndarray | float = 0.0
 
 
 class Joints:
@@ -92,9 +96,12 @@ class Joints:
         Raises:
             NoReply, Refused, Unplugged: See `DynamixelBus.read_block`.
         """
-        block = np.array(self.bus.read_block())  # (n, 9)
-        torque_on, error, watchdog, tick, current, velocity, position, voltage, temperature = block.T
+        block = np.array(self.bus.read_block())  # (n, 10)
+        torque_on, error, watchdog, tick, pwm, current, velocity, position, voltage, temperature = block.T
         units, sign = self.units, self._sign
+        drop = current * units.current / XM430.stall_current  # of the winding, as a share of the rated voltage
+        emf = pwm / XM430_W350["pwm_limit"].high * voltage * VOLTAGE_UNIT / RATED_VOLTAGE - drop
+        sure = np.maximum(0.0, np.abs(emf) - 0.25 * np.abs(drop) - 0.4 / XM430.no_load_speed)
         return JointSample(
             q=sign * (position - self._zero) * units.position,
             v=sign * velocity * units.velocity,
@@ -105,6 +112,7 @@ class Joints:
             torque_on=torque_on,
             watchdog=watchdog,
             tick=tick,
+            emf=sign * np.sign(emf) * sure * XM430.no_load_speed,
         )
 
     def positions(self) -> np.ndarray:
@@ -284,8 +292,10 @@ class Watch:
             return SafetyError("overrun", f"{self._overruns} cycles in a row ended too late")
         return None
 
-    def sample(self, t: float, s: JointSample, q_d: np.ndarray, load: np.ndarray | float = 0) -> SafetyError | None:
-        """Check a sample at time t [s], reference q_d [rad], (n,), `load` as in `Encoders.read`; return a fault."""
+    def sample(self, t: float, s: JointSample, q_d: np.ndarray, *forces: np.ndarray) -> SafetyError | None:
+        """Check a sample at time t [s], reference q_d [rad], (n,); return a fault. `forces` are load and inertia as in
+        `Encoders.read`.
+        """
         g = self.guards
         self._missed = 0
         lag = q_d - s.q
@@ -303,7 +313,7 @@ class Watch:
         )
         if not fine.all():
             return self._name(s, lag)
-        return self._stale(t, s) or self._encoders.read(s.q, s.v, s.tick, load) or self._frozen(s, q_d)
+        return self._stale(t, s) or self._encoders.read(s.q, s.v, s.tick, s.emf, *forces) or self._frozen(s, q_d)
 
     def _name(self, s: JointSample, lag: np.ndarray) -> SafetyError:
         """The limit that a bad sample exceeds, the gravest first."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from whiptool.errors import InputError
 from whiptool.limits.arm_limits import XM430
 from whiptool.models.numbers import number
-
-RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
+from whiptool.rig.dynamixel.control_table import RATED_VOLTAGE
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ class Servo(Memory):
         self.registered: tuple[int, bytes] | None = None
         self.stuck = self.flickers = self.dead = self.deaf = False
         self.jump = 0.0  # [rad] by which the encoder's reading is off
-        self._flicker = 0  # [counts]
+        self._flicker, self._turns = 0, 0.0  # [counts], and speed whatever the encoder says [rad/s]
         self.heat = 0.0  # [K] above what the model says: an injected fault
         self.temperature = self.protection.ambient
         self._silent = self._overloaded = self.booting = 0.0  # [s]
@@ -270,7 +270,7 @@ class Servo(Memory):
 
     def feel(self, q: float, v: float, current: float, t: float) -> None:
         """Update the measured position q [rad], speed v [rad/s] and current [A] at time t [s]."""
-        self._flicker = int(self.flickers and not self._flicker)
+        self._flicker, self._turns = int(self.flickers and not self._flicker), v
         if not self.stuck:
             self.q, self.v = q, v
         self.current, self._t = current, t
@@ -282,7 +282,7 @@ class Servo(Memory):
         speed = 0 if self.stuck else sign * round(self.v / self._per_speed)
         planned = (False, 0, 0, ticks)
         if self.torque_on:
-            volts = self.current * self.motor.resistance + self.motor.back_emf * self.v
+            volts = self.current * self.motor.resistance + self.motor.back_emf * self._turns
             pwm = sign * round(volts / self.volts * FULL_PWM)
             if memory[11] not in (CURRENT_MODE, PWM_MODE):
                 planned = self._planned(ticks)
