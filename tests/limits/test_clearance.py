@@ -263,7 +263,7 @@ def test_a_floor_above_every_posture_is_refused_in_whole_sentences():
     stays = r"a whip of 1 m on an arm whose hand stays at least 4\d\.?\d* m below the floor"
     assert re.fullmatch(f"whip and mount: got '{stays}'", given)
     higher = "a base higher above the floor, such as 1 m, or a lower floor"
-    assert allowed == f"a whip that hangs above the floor in some posture: {higher}"
+    assert allowed == f"a whip that hangs above the floor in some posture; give {higher}"
 
 
 @pytest.mark.parametrize(

@@ -63,8 +63,8 @@ class HangingWhip:
             needed = length + (_UNDER_CEILING if self._hung else 0.0)
             higher = f"a base higher above the floor, such as {math.ceil(10 * needed - 1e-9) / 10:g} m"
             shorter = f"a shorter whip, such as {room / 2:.2g} m, or {higher}"
-            rule = shorter if room > 0.02 else f"{higher}, or a lower floor"
-            raise InputError("whip and mount", given, f"a whip that hangs above the floor in some posture: {rule}")
+            fix = f"give {shorter if room > 0.02 else f'{higher}, or a lower floor'}"
+            raise InputError("whip and mount", given, "a whip that hangs above the floor in some posture", fix)
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether the whips of strikes (B, 2 a + 1) hang high enough, (B,)."""
